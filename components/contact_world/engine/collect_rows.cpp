@@ -32,7 +32,6 @@ void World::Impl::collect_joint(const LooseJoint& one, Stage stage, double h) {
   const Axis& axis = axes[index(one.joint)];
   const std::array<double, kJointRows>& x = joint_x[index(one.joint)];
   const Motion6 error = one.whole && stage == Stage::kPosition ? joint.error() : Motion6{};
-  const bool in_tree = forest.holds(joint.child) || forest.holds(joint.parent);
   const auto add = [&](int row, const Vector3d& d, const Vector3d& m, double target, double lo, double hi, double softness) {
     BoxRow made;
     made.a = joint.parent >= 0 && bodies[index(joint.parent)].motion != scene::Motion::kStatic ? joint.parent : -1;
@@ -45,11 +44,7 @@ void World::Impl::collect_joint(const LooseJoint& one, Stage stage, double h) {
     made.hi = hi;
     made.softness = softness;
     made.x = std::clamp(x[index(row)], lo, hi);
-    if (row < 6) {
-      const double along = d.dot(error.linear) + m.dot(error.angular);
-      (in_tree ? made.target : made.error) = in_tree ? -kShareOfJointError * along / h : along;
-      if (!in_tree && stage == Stage::kPosition) made.target = curves[index(one.joint)][index(row)];
-    }
+    if (row < 6) made.target = -kShareOfJointError * (d.dot(error.linear) + m.dot(error.angular)) / h;
     row_origin.push_back({one.joint, row});
     rows.add(made);
   };

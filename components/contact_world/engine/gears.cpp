@@ -40,10 +40,6 @@ void World::Impl::check_gears() const {
     follows[index(gear.follower)] = 1;
     if (!std::isfinite(gear.ratio) || !std::isfinite(gear.offset))
       throw Error(place, "follows with a ratio or offset that is not finite");
-    if (options.method == Method::kPgs) {
-      throw Error(place, "follows joint " + scene.joints[index(gear.leader)].name +
-                             ", which method=pgs does not support, expected method=tree or method=dantzig");
-    }
     for (const int joint : {gear.leader, gear.follower}) {
       if (forest.freedom_of(joint) < 0)
         throw Error("joint " + scene.joints[index(joint)].name,

@@ -210,7 +210,6 @@ std::size_t World::Impl::widest_joint() const {
 std::string World::fault(double gap_limit, double energy_limit) const {
   const Impl& w = *impl_;
   const Guard& guard = w.guard;
-  const char* advice = w.options.method == Method::kTree ? "shorter steps" : "shorter steps or method=tree";
   const auto name = [&](std::size_t j) { return "joint '" + w.scene.joints[j].name + "'"; };
   if (gap_limit > 0) {
     const double limit = std::max(gap_limit, kGrowth * guard.start_gap);
@@ -221,11 +220,11 @@ std::string World::fault(double gap_limit, double energy_limit) const {
     for (std::size_t j = 0; j < w.joints.size() && !holds; ++j) {
       if (w.joints[j].gap() > limit) {
         return name(j) + " has parted by " + text::to_text(w.joints[j].gap(), 4) + " m, expected at most " +
-               text::to_text(limit, 4) + " m (joint_gap_limit): use " + advice;
+               text::to_text(limit, 4) + " m (joint_gap_limit): use shorter steps";
       }
       if (w.joints[j].alignment() < aligned) {
         return name(j) + " is tilted by " + text::to_text(tilt(w.joints[j]), 4) + " rad, expected at most " +
-               text::to_text(largest_tilt, 4) + " rad (joint_gap_limit): use " + advice;
+               text::to_text(largest_tilt, 4) + " rad (joint_gap_limit): use shorter steps";
       }
     }
     if (guard.assembling && guard.stalled > kStalledSteps && guard.nearest > gap_limit) {
@@ -247,7 +246,7 @@ std::string World::fault(double gap_limit, double energy_limit) const {
     where = "body '" + w.scene.bodies[static_cast<std::size_t>(fastest)].name + "' has the largest kinetic energy";
   }
   return "energy has grown by " + text::to_text(guard.excess, 4) + " J without work (" + where + "), expected at most " +
-         text::to_text(limit, 4) + " J (energy_limit): use " + advice;
+         text::to_text(limit, 4) + " J (energy_limit): use shorter steps";
 }
 
 double World::Impl::small_energy_of(const scene::Scene& scene) {

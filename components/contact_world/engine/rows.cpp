@@ -381,7 +381,6 @@ bool Rows::update() {
     row.hi = now.hi;
     row.x = now.x;
     row.applied = now.applied;
-    row.error = now.error;
     row.inverse_A = 1 / (row.A + row.softness);
   }
   std::swap(boxes_, sorted_boxes_);

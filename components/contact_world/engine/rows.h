@@ -39,7 +39,6 @@ struct BoxRow {
   double x = 0;
   double applied = 0;  // part of x that the bodies' velocities contain already
   double u = 0;        // velocity at z = 0
-  double error = 0;    // of position along the row, m or rad, for displace()
   double A = 0, inverse_A = 0;
   double regular = 0;  // regularisation, part of the softness
   bool redundant = false;
@@ -117,10 +116,6 @@ class Rows {
   Outcome sweep(int iterations, double tolerance, double rest);
   Outcome pivot(int iterations, double tolerance, double rest);
 
-  /// Moves the bodies by a share of the errors of the box rows, without a change of linear momentum; islands that nothing
-  /// anchors keep their angular momentum, too. Bodies of trees stay.
-  void displace(std::span<RigidBody> bodies, double share, int iterations);
-
   /// Applies the changes of x since the last call: to the velocities of free bodies, and as impulses in F to bodies of trees.
   void apply(std::span<RigidBody> bodies, Forest& forest);
 
@@ -128,7 +123,6 @@ class Rows {
   struct Island {
     std::size_t first_box = 0, end_box = 0, first_cone = 0, end_cone = 0, first_slice = 0, end_slice = 0;
   };
-  bool floats(const Island& island) const;
   struct Slice {
     int offset = 0, size = 0;
   };

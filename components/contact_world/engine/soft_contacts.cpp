@@ -38,7 +38,7 @@ bool World::Impl::collect_spring(std::size_t t, ConeRow& row, Stage stage, doubl
     // Other contacts may push the bodies together within the step, so open points have rows as well.
     const double mobility = bodies[index(touch.point.body_a)].inverse_mass + bodies[index(touch.point.body_b)].inverse_mass;
     const bool light = touch.damping * touch.damping * mobility < 4 * kDamped * touch.stiffness;
-    row.law.conserves = light && (options.method != Method::kPgs || loose.empty());
+    row.law.conserves = light;
     row.slow = kSlow * h * scene.gravity.norm();
     return touch.gap <= 0 || row.law.conserves;
   }
@@ -48,7 +48,7 @@ bool World::Impl::collect_spring(std::size_t t, ConeRow& row, Stage stage, doubl
 /// Whether contacts in the step have very stiff springs. They do not damp errors of the solution, which would
 /// create energy, so they are pivoted, except where joints are swept.
 bool World::Impl::has_stiff_springs() const {
-  if (!pivots || (options.method == Method::kPgs && !loose.empty())) return false;
+  if (!pivots) return false;
   for (const ConeRow& row : rows.cones()) {
     const bool acts = row.law.gap <= 0 || row.law.gap + row.law.h * row.u < 0;
     if (row.spring == ConeRow::Spring::kLaw && row.swing > kStiff && acts) return true;

@@ -26,6 +26,9 @@ constexpr std::size_t kContactsAtRest = 128;
 constexpr int kFactorAtRest = 50;
 constexpr double kConvergedAtRest = 1e-4;
 
+/// Residual that ends additional sweeps over limits, motors and friction of joints, which cost little: rad/s, m/s.
+constexpr double kConvergedAxes = 1e-6;
+
 /// N.s: smaller friction counts as zero; its shift would overflow.
 constexpr double kZeroImpulse = 1e-100;
 
@@ -314,11 +317,16 @@ Rows::Outcome Rows::sweep(const Island& island, const Effort& effort, bool accel
   return outcome;
 }
 
-/// More sweeps for islands at rest.
+/// More sweeps for islands at rest and for those without contacts.
 Rows::Effort Rows::effort(const Island& island, int iterations, double tolerance, double rest) const {
   Effort effort{iterations, iterations, tolerance, std::max(tolerance, kConvergedAtRest * rest)};
-  const std::size_t contacts = island.end_cone - island.first_cone;
-  if (rest == 0 || contacts == 0 || contacts > kContactsAtRest || island.first_box != island.end_box) return effort;
+  const std::size_t contacts = island.end_cone - island.first_cone, boxes = island.end_box - island.first_box;
+  if (contacts == 0 && boxes <= kContactsAtRest) {
+    effort.most = kFactorAtRest * iterations;
+    effort.tolerance_at_rest = std::max(tolerance, kConvergedAxes);
+    return effort;
+  }
+  if (rest == 0 || contacts == 0 || contacts > kContactsAtRest || boxes > 0) return effort;
   for (std::size_t i = island.first_cone; i < island.end_cone; ++i) {
     const Core& core = cores_[i];
     const double speeds[] = {core.b[0] + core.target, core.b[1], core.b[2]};
@@ -375,46 +383,6 @@ void Rows::clear_changes(const Island& island) {
   for (std::size_t s = island.first_slice; s < island.end_slice; ++s) {
     const Slice& slice = slices_[index(island_slices_[s])];
     std::fill_n(z_.begin() + slice.offset, slice.size, 0.0);
-  }
-}
-
-/// Returns whether no row connects the island with something that it cannot move.
-bool Rows::floats(const Island& island) const {
-  const auto free = [&](int a, int b) { return slice_of(a) >= 0 && slice_of(b) >= 0; };
-  const auto first = boxes_.begin(), last = first + static_cast<std::ptrdiff_t>(island.end_box);
-  if (!std::all_of(first + static_cast<std::ptrdiff_t>(island.first_box), last, [&](auto& row) { return free(row.a, row.b); }))
-    return false;
-  for (std::size_t i = island.first_cone; i < island.end_cone; ++i) {
-    const ConeRow& row = cones_[cores_[i].row];
-    if (!free(row.a, row.b)) return false;
-  }
-  return true;
-}
-
-void Rows::displace(std::span<RigidBody> bodies, double share, int iterations) {
-  std::fill(z_.begin(), z_.end(), 0.0);
-  const auto relax = [&](const BoxRow& row) {
-    if (row.error == 0) return;
-    double error = share * row.error;
-    for (const Side& side : row.side) error += velocity(y_.data() + side.y, side);
-    for (const Side& side : row.side) apply_impulse(y_.data() + side.y, side, -error * row.inverse_A);
-  };
-  for (int k = 0; k < iterations; ++k) {
-    if (k % 2 == 0) {
-      for (const BoxRow& row : boxes_) relax(row);
-    } else {
-      for (std::size_t i = boxes_.size(); i > 0; --i) relax(boxes_[i - 1]);
-    }
-  }
-  for (std::size_t b = 0; b < bodies.size(); ++b) {
-    const int slice = slice_of_body_[b];
-    if (slice < trees_) continue;
-    const double* z = z_.data() + slices_[index(slice)].offset;
-    const Vector3d way(z[0], z[1], z[2]), turn(z[3], z[4], z[5]);
-    if (way.isZero(0) && turn.isZero(0)) continue;
-    RigidBody& body = bodies[b];
-    body.displace(body.inverse_root_mass * way, body.R * body.inverse_root_moments.cwiseProduct(turn),
-                  floats(islands_[index(island_of_slice_[index(root(slice))])]));
   }
 }
 

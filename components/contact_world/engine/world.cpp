@@ -28,7 +28,7 @@ std::vector<Joint> joints_of(const scene::Scene& scene, std::span<const RigidBod
   return joints;
 }
 
-constexpr std::size_t kHeader = 3 + Guard::kNumbers, kNumbersPerBody = 16, kNumbersPerJoint = 5 + kJointRows + 6,
+constexpr std::size_t kHeader = 3 + Guard::kNumbers, kNumbersPerBody = 16, kNumbersPerJoint = 5 + kJointRows,
                       kNumbersPerNode = 18, kNumbersPerTouch = 12;
 
 }  // namespace
@@ -39,11 +39,10 @@ World::Impl::Impl(scene::Scene the_scene, Options the_options)
       bodies(rigid_bodies(scene)),
       joints(joints_of(scene, bodies)),
       axes(joints.size()),
-      forest(options.method == Method::kPgs ? Forest::none(bodies.size(), joints.size()) : Forest(bodies, joints)),
+      forest(bodies, joints),
       rows(bodies, forest),
       collision(scene),
       joint_x(joints.size()),
-      curves(joints.size()),
       applied(bodies.size(), Wrench::Zero()),
       poses(bodies.size()),
       twists(bodies.size()),
@@ -54,15 +53,14 @@ World::Impl::Impl(scene::Scene the_scene, Options the_options)
   for (std::size_t j = 0; j < joints.size(); ++j) {
     const Joint& joint = joints[j];
     joint_x[j].fill(0);
-    curves[j].fill(0);
     if (!is_dynamic(joint.parent) && !is_dynamic(joint.child)) continue;
     for (const int body : {joint.parent, joint.child}) {
       if (body >= 0 && bodies[index(body)].motion != scene::Motion::kStatic) is_linked[index(body)] = 1;
     }
-    const bool whole = options.method == Method::kPgs || !forest.contains(static_cast<int>(j));
+    const bool whole = !forest.contains(static_cast<int>(j));
     has_whole_joints = has_whole_joints || whole;
     const bool closes = !whole && joint.has_axis() && forest.freedom_of(static_cast<int>(j)) < 0;
-    if (whole || closes || options.method == Method::kDantzig) loose.push_back({static_cast<int>(j), whole});
+    if (whole || closes || options.method != Method::kTree) loose.push_back({static_cast<int>(j), whole});
   }
   for (std::size_t b = 0; b < bodies.size(); ++b) {
     if (is_linked[b]) linked.push_back(static_cast<int>(b));
@@ -272,7 +270,6 @@ void World::save(std::vector<double>& state) const {
     const Axis& axis = w.axes[j];
     put(w.joints[j].q, axis.lock, axis.motor_speed, axis.motor_torque, axis.inertia);
     put_all(w.joint_x[j]);
-    put_all(w.curves[j]);
   }
   for (const Forest::Node& node : w.forest.nodes()) {
     for (const Spatial& curve : node.curve) put_all(curve);
@@ -368,7 +365,6 @@ void World::restore(std::span<const double> state) {
     axis.motor_torque = get();
     axis.inertia = get();
     get_all(w.joint_x[j]);
-    get_all(w.curves[j]);
     w.joints[j].place(w.bodies);
     w.q[j] = w.joints[j].q;
     w.dq[j] = w.joints[j].has_axis() ? w.joints[j].speed(w.bodies) : 0;

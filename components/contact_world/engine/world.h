@@ -14,7 +14,7 @@
 namespace cotwin::contact_world {
 
 enum class Method {
-  kPgs,      // projected Gauss–Seidel for joints, limits and contacts alike (the paper's)
+  kPgs,      // projected Gauss–Seidel for limits, motors, friction and contacts (the paper's); joints eliminated exactly
   kDantzig,  // limits, motors and contacts by Dantzig's pivoting, exact for the boxed problem; joints eliminated exactly
   kTree      // joint trees with their limits, motors and friction exactly in O(n), contacts iteratively
 };

@@ -194,8 +194,6 @@ struct World::Impl {
   bool has_whole_joints = false;
   std::vector<char> in_loops;                           // per joint: closes a loop of a tree
   std::vector<std::array<double, kJointRows>> joint_x;  // impulses of the joints' rows in the last solution
-  std::vector<std::array<double, 6>> curves;  // of whole joints: speeds along their rows that made up for the curvature of the
-                                              // path in the last step
   struct RowOrigin {
     int joint;
     int row;

@@ -16,7 +16,6 @@ constexpr int kPasses = 12;
 constexpr double kDiverging = 4;       // times the first error
 constexpr double kPredictable = 1e-5;  // m, rad: errors below are used to predict those of the next steps
 constexpr double kSureToHold = 1e-5;   // m, rad: joints with smaller errors need no check
-constexpr int kPassesOfLooseJoints = 2;
 
 /// Largest numbers of iterations for held axes: in total, of these with simultaneous changes, and with contact impulses.
 constexpr int kLockRounds = 60, kSimultaneousRounds = 8, kContactRounds = 6;
@@ -382,25 +381,19 @@ void World::Impl::satisfy_joints(double h) {
     for (std::size_t i = 0; i < linked.size(); ++i) f(places[i], bodies[index(linked[i])]);
   };
   each([](Place& place, const RigidBody& body) { place = {body.p, body.Q, body.R, body.v, body.w, body.L}; });
-  const auto joint_error = [&](const BoxRow& row) {
-    const Motion6 e = joints[index(row_origin[index(row.origin)].joint)].error();
-    return row.d.dot(e.linear) + row.m.dot(e.angular);
-  };
-  const int passes = options.method == Method::kPgs ? kPassesOfLooseJoints : kPasses;
   double first = 0, largest = 0;
   for (int pass = 1;; ++pass) {
     each([&](Place&, RigidBody& body) { body.drift(h); });
     largest = 0;
     for (std::size_t j = 0; j < joints.size(); ++j) {
       joints[j].place(bodies);
-      const bool swept_in_tree = options.method != Method::kPgs && !forest.contains(static_cast<int>(j));
-      if (in_loops[j] || swept_in_tree) continue;
+      if (in_loops[j] || !forest.contains(static_cast<int>(j))) continue;
       const Motion6 e = joints[j].error();
       largest = std::max({largest, e.linear.cwiseAbs().maxCoeff(), e.angular.cwiseAbs().maxCoeff()});
     }
     for (Forest::Tree& tree : forest.trees()) largest = std::max(largest, tree.loops.measure(joints, h));
     for (const scene::Gear& gear : scene.gears) largest = std::max(largest, std::abs(gear_error(gear)));
-    if (!(largest > kJointTolerance) || pass == passes) break;
+    if (!(largest > kJointTolerance) || pass == kPasses) break;
     if (pass == 1) first = largest;
     const bool diverges = !(largest <= kDiverging * first + kDiverging * kJointTolerance);
 
@@ -414,17 +407,12 @@ void World::Impl::satisfy_joints(double h) {
     });
     if (diverges) {  // too fast for this step size: use the directions at the start of the step only
       for (Forest::Tree& tree : forest.trees()) forest.restart_beta(tree);
-      pass = passes - 1;
+      pass = kPasses - 1;
     } else {
       for (Forest::Tree& tree : forest.trees()) forest.correct_beta(tree, joints, h);
     }
-    // Rows of whole joints: without the curvature of the path, the velocity along the row would be its change of position.
-    if (has_whole_joints) rows.measure(bodies);
     for (BoxRow& row : rows.boxes()) {
-      const RowOrigin& origin = row_origin[index(row.origin)];
-      if (origin.row == kGearRow) row.target -= gear_error(scene.gears[index(row.gear)]) / h;
-      if (origin.row >= 6 || forest.holds(row.a) || forest.holds(row.b)) continue;
-      row.target = curves[index(origin.joint)][index(origin.row)] = row.u - (joint_error(row) - row.error) / h;
+      if (row_origin[index(row.origin)].row == kGearRow) row.target -= gear_error(scene.gears[index(row.gear)]) / h;
     }
     if (solve_trees()) prepared = false;
     solve_rows();
@@ -433,11 +421,6 @@ void World::Impl::satisfy_joints(double h) {
       place.w = body.w;
       place.L = body.L;
     });
-  }
-  if (has_whole_joints) {
-    for (BoxRow& row : rows.boxes()) row.error = row_origin[index(row.origin)].row < 6 ? joint_error(row) : 0;
-    rows.displace(bodies, kShareOfJointError, options.iterations);
-    for (Joint& joint : joints) joint.place(bodies);
   }
   joints_hold = !has_whole_joints && largest <= kSureToHold;
   for (const Joint& joint : joints) joints_hold = joints_hold && !joint.far();

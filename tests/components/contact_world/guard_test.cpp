@@ -114,19 +114,6 @@ Options with(Method method) {
 
 // ---- Runs that must end
 
-TEST(Guard, NamesTheJointThatSweepsCannotHold) {
-  scene::Scene scene = parallelogram();
-  scene.bodies[1].inertia.mass *= 1e-6;
-  scene.bodies[1].inertia.I_CC *= 1e-6;
-  World world(scene, with(Method::kPgs));
-  const Outcome outcome = run(world, 1e-3, 3, kGapLimit, 0);
-  EXPECT_THAT(outcome.fault, HasSubstr("joint 'hinge"));
-  EXPECT_THAT(outcome.fault, HasSubstr("has parted by 0.01"));
-  EXPECT_THAT(outcome.fault, HasSubstr("method=tree"));
-  EXPECT_GT(world.largest_gap(), kGapLimit);
-  EXPECT_LT(world.largest_gap(), 2 * kGapLimit);  // at the first step that exceeds the limit
-}
-
 TEST(Guard, NamesTheJointOfAnAssemblyThatCannotClose) {
   for (const Method method : {Method::kTree, Method::kDantzig, Method::kPgs}) {
     scene::Scene scene = parallelogram();
@@ -134,7 +121,7 @@ TEST(Guard, NamesTheJointOfAnAssemblyThatCannotClose) {
     World world(scene, with(method));
     const Outcome outcome = run(world, 1e-3, 5, kGapLimit, kEnergyLimit);
     EXPECT_THAT(outcome.fault, HasSubstr("does not close: its gap remains 0."));
-    EXPECT_NEAR(world.largest_gap(), 0.2, method == Method::kPgs ? 0.06 : 0.01);  // sweeps pull other joints apart
+    EXPECT_NEAR(world.largest_gap(), 0.2, 0.01);
   }
 }
 
@@ -150,7 +137,11 @@ TEST(Guard, LetsJointsThatStartApartClose) {
 
 TEST(Guard, EndsAWhippingChainWhoseStepIsTooLong) {
   World by_gap(chain(60, 0.05, 0.01), {}), by_energy(chain(60, 0.05, 0.01), {});
-  EXPECT_THAT(run(by_gap, 0.01, 5, kGapLimit, 0).fault, HasSubstr("has parted by"));
+  const std::string parted = run(by_gap, 0.01, 5, kGapLimit, 0).fault;
+  EXPECT_THAT(parted, HasSubstr("joint 'hinge"));
+  EXPECT_THAT(parted, HasSubstr("has parted by"));
+  EXPECT_THAT(parted, HasSubstr("use shorter steps"));
+  EXPECT_GT(by_gap.largest_gap(), kGapLimit);
   const Outcome outcome = run(by_energy, 0.01, 5, 0, kEnergyLimit);
   EXPECT_THAT(outcome.fault, HasSubstr("J without work (joint 'hinge"));
 }
@@ -210,9 +201,8 @@ TEST(Guard, CountsTheWorkOfDrivesSpringsDampersAndMotors) {
   for (const Method method : {Method::kTree, Method::kDantzig, Method::kPgs}) {
     for (const Case& one : cases) {
       // Sweeps do not converge with an inertia a hundred times that of the body.
-      if (method == Method::kPgs && one.name == std::string("torque on an inertia")) continue;
       World world(chain(2, 0.5, 1), with(method));
-      const double share = method == Method::kPgs ? kEnergyLimit : kSmallShare;
+      const double share = kSmallShare;
       const Outcome outcome = run(world, 1e-3, 2, kGapLimit, share, one.drive);
       EXPECT_EQ(outcome.fault, "") << one.name << ", method " << static_cast<int>(method);
       EXPECT_GT(outcome.gained, 5) << one.name << ", method " << static_cast<int>(method);

@@ -49,7 +49,7 @@ void advance(const robot::Mechanism& mechanism, robot::Data& data, VectorXd& q, 
 }
 
 TEST(ContactWorldMimic, MovesLikeTheReducedRobotToSecondOrder) {
-  for (const Method method : {Method::kTree, Method::kDantzig}) {
+  for (const Method method : {Method::kTree, Method::kDantzig, Method::kPgs}) {
     double errors[2];
     for (const int refined : {0, 1}) {
       const double h = refined ? 2.5e-4 : 5e-4;
@@ -119,7 +119,7 @@ TEST(ContactWorldMimic, TwoFingersOnAFixedHandFallLikeOneMass) {
   hand.bodies = {{"l", {m_l, {0, 0, 0}, 1e-3 * Eigen::Matrix3d::Identity()}},
                  {"r", {m_r, {0, 0, 0}, 1e-3 * Eigen::Matrix3d::Identity()}}};
   const double a = -10 * (m_l - r * m_r) / (m_l + r * r * m_r);
-  for (const Method method : {Method::kTree, Method::kDantzig}) {
+  for (const Method method : {Method::kTree, Method::kDantzig, Method::kPgs}) {
     Assembled parts;
     Options options;
     options.method = method;
@@ -149,15 +149,12 @@ TEST(ContactWorldMimic, StepAllocatesNothingAndRestoresToTheSameBits) {
 TEST(ContactWorldMimic, WhatCannotBeCoupledIsAnError) {
   Assembled parts;
   const scene::Scene scene = scene_of(finger(), {0.3, 0.4}, parts);
-  const auto error = [&](const auto& change, Method method = Method::kTree) {
+  const auto error = [&](const auto& change) {
     scene::Scene bad = scene;
     change(bad.gears[0]);
-    Options options;
-    options.method = method;
-    return cotwin::testing::error_of([&] { World world(bad, options); });
+    return cotwin::testing::error_of([&] { World world(bad, {}); });
   };
   EXPECT_EQ(error([](scene::Gear&) {}), "");
-  EXPECT_THAT(error([](scene::Gear&) {}, Method::kPgs), HasSubstr("which method=pgs does not support"));
   EXPECT_THAT(error([](scene::Gear& g) { g.leader = g.follower; }), HasSubstr("follows itself or two joints"));
   EXPECT_THAT(error([](scene::Gear& g) { g.leader = 99; }), HasSubstr("is no revolute or prismatic joint"));
   EXPECT_THAT(error([](scene::Gear& g) { g.offset += 0.1; }), HasSubstr("joint bend: starts at 0.42"));

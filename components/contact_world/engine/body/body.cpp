@@ -183,14 +183,6 @@ double RigidBody::kinetic_energy() const {
   return (mass * v.squaredNorm() + moments.dot(w_P.cwiseAbs2())) / 2;
 }
 
-void RigidBody::displace(const Vector3d& way, const Vector3d& turn, bool floats) {
-  if (floats) L -= mass * way.cross(v);
-  p += way;
-  Q = product(rotation(turn), Q).normalized();
-  R = matrix(Q);
-  w = R * inverse_moments.cwiseProduct(R.transpose() * L);
-}
-
 void RigidBody::drift(double h) {
   if (motion == scene::Motion::kStatic) return;
   p += h * v;

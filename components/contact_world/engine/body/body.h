@@ -35,10 +35,6 @@ struct RigidBody {
   /// J M⁻¹ Jᵀ of a unit impulse d at p with an angular impulse m, in W, on the body without joints; 0 if it is not dynamic.
   double mobility(const Vector3d& d, const Vector3d& m, const Vector3d& p) const;
 
-  /// Moves P's origin and turns the body with the same linear momentum; both in W. The angular momentum about P stays the same,
-  /// or about a fixed point if `floats`.
-  void displace(const Vector3d& way, const Vector3d& turn, bool floats);
-
   /// Moves the body from t to t + h with constant velocity of P and constant angular momentum; updates w. A driven body keeps
   /// its twist.
   void drift(double h);

@@ -69,8 +69,6 @@ int freedoms_of(JointType type) {
 Forest::Forest(std::size_t bodies, std::size_t joints)
     : tree_of_(bodies, -1), node_of_(bodies, -1), freedom_of_(joints, -1), outside_(joints, 0) {}
 
-Forest Forest::none(std::size_t bodies, std::size_t joints) { return {bodies, joints}; }
-
 Forest::Forest(std::span<const RigidBody> bodies, std::span<const Joint> joints) : Forest(bodies.size(), joints.size()) {
   const auto is_dynamic = [&](int body) { return body >= 0 && bodies[static_cast<std::size_t>(body)].dynamic(); };
   const auto index = [](int i) { return static_cast<std::size_t>(i); };

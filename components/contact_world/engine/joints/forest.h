@@ -64,7 +64,6 @@ class Forest {
   /// Builds trees from all joints that have a dynamic body, except those that close a loop. The root of a tree is a body that a
   /// static or driven body or the world carries, otherwise its first body.
   Forest(std::span<const RigidBody> bodies, std::span<const Joint> joints);
-  static Forest none(std::size_t bodies, std::size_t joints);  // empty forest
 
   std::span<Tree> trees() { return trees_; }
   std::span<const Tree> trees() const { return trees_; }
