@@ -8,15 +8,11 @@
 namespace cotwin::contact_world {
 namespace {
 
-/// Larger islands use sweeps: A is dense, and a pivot costs the square of its size.
-constexpr std::size_t kRowsToPivot = 600;
-
 /// Softness, relative to their mobility, of tangents that joints allow to move along one direction only: across it, rounding
 /// would drive friction to its cone.
 constexpr double kAcross = 1e-9;
 
-/// Most pivots of an island, and the residual relative to the speed of rest above which sweeps replace an unfinished result.
-constexpr int kPivotsPerRow = 3, kLeastPivots = 100;
+/// Residual, relative to the speed of rest, above which sweeps replace an unfinished result.
 constexpr double kPoorResidual = 1e-4;
 
 using Two [[gnu::vector_size(16)]] = double;
@@ -154,12 +150,24 @@ bool Rows::newly_loaded(const Island& island) const {
 Rows::Outcome Rows::pivot(const Island& island, int iterations, double tolerance, double rest) {
   int sweeps = 0;
   if (newly_loaded(island)) {
-    sweeps = sweep(island, iterations, tolerance, 0).iterations;
-    for (std::size_t s = island.first_slice; s < island.end_slice; ++s) {
-      const Slice& slice = slices_[index(island_slices_[s])];
-      std::fill_n(z_.begin() + slice.offset, slice.size, 0.0);
-    }
+    sweeps = sweep_only(island, {iterations, iterations, tolerance, tolerance}).iterations;
+    clear_changes(island);
   }
+  Outcome outcome;
+  if (!pivot_from_start(island, {100, 3, 30}, rest > 0 ? kPoorResidual * rest : kInfinity,
+                        outcome)) {  // friction that pivoting does not resolve
+    const int pivots = outcome.iterations;
+    outcome = sweep_only(island, effort(island, iterations, tolerance, rest));
+    outcome.iterations += pivots;
+    outcome.extended = 1;
+  }
+  outcome.iterations += sweeps;
+  return outcome;
+}
+
+/// Pivots from the present impulses of the rows. Returns false and changes nothing but the outcome if pivoting does not end and leaves
+/// more than an acceptable residual, m/s.
+bool Rows::pivot_from_start(const Island& island, const Pivots& limits, double acceptable, Outcome& outcome) {
   const std::size_t boxes = island.end_box - island.first_box, cones = island.end_cone - island.first_cone;
   const std::size_t n = boxes + 3 * cones;
   assemble(island);
@@ -218,16 +226,14 @@ Rows::Outcome Rows::pivot(const Island& island, int iterations, double tolerance
   w_.assign(n, 0.0);
   const BoxedProblem problem{static_cast<int>(n), A_.data(), b_.data(), lo_.data(), hi_.data(),
                              friction_,           profile_,  pairs_,    version_};
-  dantzig_.limit_pivots(kPivotsPerRow * static_cast<int>(n) + kLeastPivots);
+  dantzig_.limit(limits.least + static_cast<int>(limits.per_row * static_cast<double>(n)), limits.turns);
   const Dantzig::Result result = dantzig_.solve(problem, x_, w_);
   const bool ends =
       result.status == Dantzig::Status::kSolved || (boxes > 0 && result.status == Dantzig::Status::kContradiction);
-  if (rest > 0 && !ends && result.residual > kPoorResidual * rest) {  // friction that pivoting does not resolve
-    Outcome outcome = sweep(island, iterations, tolerance, rest);
-    outcome.iterations += sweeps + result.pivots;
-    outcome.extended = 1;
-    return outcome;
-  }
+  outcome.iterations = result.pivots;
+  outcome.residual = result.residual;
+  outcome.degenerate = result.redundant + result.contradicting;
+  if (!ends && result.residual > acceptable) return false;
 
   for (std::size_t i = 0; i < boxes; ++i) {
     BoxRow& row = boxes_[island.first_box + i];
@@ -244,11 +250,7 @@ Rows::Outcome Rows::pivot(const Island& island, int iterations, double tolerance
     }
     apply_impulse(core, gained);
   }
-  Outcome outcome;
-  outcome.iterations = sweeps + result.pivots;
-  outcome.residual = result.residual;
-  outcome.degenerate = result.redundant + result.contradicting;
-  return outcome;
+  return true;
 }
 
 }  // namespace cotwin::contact_world

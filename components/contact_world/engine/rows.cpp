@@ -95,7 +95,7 @@ Rows::Rows(std::span<const RigidBody> bodies, const Forest& forest) : slice_of_b
   island_slices_.resize(slices_.size());
 }
 
-void Rows::reserve(std::size_t cones, std::size_t boxes, std::size_t gears, bool pivoting) {
+void Rows::reserve(std::size_t cones, std::size_t boxes, std::size_t gears) {
   std::size_t widest = 6;
   for (const Slice& slice : slices_) widest = std::max(widest, index(slice.size));
   cones_.reserve(cones);
@@ -106,7 +106,7 @@ void Rows::reserve(std::size_t cones, std::size_t boxes, std::size_t gears, bool
   sorted_boxes_.reserve(boxes);
   y_.reserve(2 * (widest + 1) * (3 * cones + boxes));
   islands_.reserve(slices_.size());
-  if (pivoting) reserve_pivoting(cones, boxes);
+  reserve_pivoting(cones, boxes);
 }
 
 void Rows::Outcome::add(const Outcome& other) {

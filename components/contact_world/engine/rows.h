@@ -78,7 +78,7 @@ class Rows {
   Rows(std::span<const RigidBody> bodies, const Forest& forest);
 
   /// Allocates for this number of contact points, box rows and gears among them.
-  void reserve(std::size_t cones, std::size_t boxes, std::size_t gears, bool pivoting);
+  void reserve(std::size_t cones, std::size_t boxes, std::size_t gears);
 
   void clear();
   void add(const BoxRow& row) {
@@ -104,6 +104,13 @@ class Rows {
   /// Computes u of every row from the bodies' present twists.
   void measure(std::span<const RigidBody> bodies);
 
+  /// Most pivots of an island, and most iterations for its friction.
+  struct Pivots {
+    int least = 0;
+    double per_row = 0;
+    int turns = 0;
+  };
+
   struct Outcome {
     int iterations = 0;
     double residual = 0;
@@ -120,6 +127,9 @@ class Rows {
   void apply(std::span<RigidBody> bodies, Forest& forest);
 
  private:
+  /// Larger islands use sweeps: A is dense, and a pivot costs the square of its size.
+  static constexpr std::size_t kRowsToPivot = 600;
+
   struct Island {
     std::size_t first_box = 0, end_box = 0, first_cone = 0, end_cone = 0, first_slice = 0, end_slice = 0;
   };
@@ -181,7 +191,9 @@ class Rows {
   };
   Effort effort(const Island& island, int iterations, double tolerance, double rest) const;
   Outcome sweep(const Island& island, const Effort& effort, bool accelerate);
+  Outcome sweep_only(const Island& island, const Effort& effort);
   Outcome sweep(const Island& island, int iterations, double tolerance, double rest);
+  bool pivot_from_start(const Island& island, const Pivots& limits, double acceptable, Outcome& outcome);
   Outcome pivot(const Island& island, int iterations, double tolerance, double rest);
   bool newly_loaded(const Island& island) const;
   void assemble(const Island& island);

@@ -20,14 +20,21 @@ constexpr double kRoundingGain = 1e-9;
 /// Bound of the work along positive targets, relative to that of a contact alone: contacts carry one another.
 constexpr double kShareOfTargets = 4;
 
-/// Islands at rest: most contacts, factor of the number of sweeps, and residual that ends the additional ones, relative to the
+/// Islands at rest: most contacts, factors of the number of sweeps in total and before pivots, and residual that ends the additional ones, relative to the
 /// speed of rest.
-constexpr std::size_t kContactsAtRest = 128;
-constexpr int kFactorAtRest = 50;
+constexpr std::size_t kContactsAtRest = 200;
+constexpr int kFactorAtRest = 50, kFactorBeforePivots = 5;
 constexpr double kConvergedAtRest = 1e-4;
+
+/// Islands that are pivoted if sweeps leave a residual above this, relative to the speed of rest.
+constexpr std::size_t kRowsOfSmall = 96;
+constexpr double kPoorOfSmall = 0.05;
 
 /// Residual that ends additional sweeps over limits, motors and friction of joints, which cost little: rad/s, m/s.
 constexpr double kConvergedAxes = 1e-6;
+
+/// Pivots after sweeps begin close to the solution, or do not end.
+constexpr Rows::Pivots kPivotsAtRest{100, 3, 30}, kPivotsOfSmall{12, 0.2, 6};
 
 /// N.s: smaller friction counts as zero; its shift would overflow.
 constexpr double kZeroImpulse = 1e-100;
@@ -339,21 +346,49 @@ Rows::Effort Rows::effort(const Island& island, int iterations, double tolerance
 }
 
 // Accelerated sweeps can diverge along redundant contacts that slip; plain sweeps from the same start replace them.
-Rows::Outcome Rows::sweep(const Island& island, int iterations, double tolerance, double rest) {
+Rows::Outcome Rows::sweep_only(const Island& island, const Effort& effort) {
   apply_start(island);
-  if (iterations > 0) scale_start(island);
-  const Effort most = effort(island, iterations, tolerance, rest);
+  if (effort.most > 0) scale_start(island);
   const bool accelerate = island.first_box == island.end_box && island.end_cone - island.first_cone > 1;
-  Outcome outcome = sweep(island, most, accelerate);
-  if (accelerate && iterations > 0 && adds_energy(island)) {
+  Outcome outcome = sweep(island, effort, accelerate);
+  if (accelerate && effort.most > 0 && adds_energy(island)) {
     clear_changes(island);
     apply_start(island);
     scale_start(island);
-    outcome = sweep(island, most, false);
+    outcome = sweep(island, effort, false);
   }
   for (std::size_t i = island.first_cone; i < island.end_cone; ++i) {
     std::copy(cores_[i].x, cores_[i].x + 3, cones_[cores_[i].row].x);
   }
+  return outcome;
+}
+
+// An island at rest whose sweeps do not converge soon stands or falls by friction, and a small one that they leave far from its laws has
+// bodies of very different mass: they are pivoted from where the sweeps have come to. Where pivoting does not end, islands at rest are
+// swept further.
+Rows::Outcome Rows::sweep(const Island& island, int iterations, double tolerance, double rest) {
+  const Effort most = effort(island, iterations, tolerance, rest);
+  Effort some = most;
+  some.most = std::min(most.most, kFactorBeforePivots * iterations);
+  Outcome outcome = sweep_only(island, some);
+  const bool more = most.most > some.most;
+  const std::size_t rows = island.end_box - island.first_box + 3 * (island.end_cone - island.first_cone);
+  const bool small = rows <= kRowsOfSmall && rest > 0;
+  if (!more && !small) return outcome;
+  if (outcome.residual <= (more ? most.tolerance_at_rest : kPoorOfSmall * rest)) return outcome;
+  const int sweeps = outcome.iterations;
+  clear_changes(island);
+  Outcome exact;
+  if (pivot_from_start(island, more ? kPivotsAtRest : kPivotsOfSmall, outcome.residual, exact)) {
+    outcome = exact;
+  } else if (more) {
+    outcome = sweep_only(island, most);
+  } else {
+    apply_start(island);
+    return outcome;
+  }
+  outcome.iterations += sweeps;
+  outcome.extended = 1;
   return outcome;
 }
 

@@ -137,7 +137,7 @@ void World::Impl::reserve(std::size_t contacts) {
   capacity = contacts;
   const std::size_t boxes = loose.size() * kJointRows + scene.gears.size() + (torsional ? contacts : 0);
   row_origin.reserve(boxes);
-  rows.reserve(contacts, boxes, scene.gears.size(), options.method == Method::kDantzig || pivots);
+  rows.reserve(contacts, boxes, scene.gears.size());
   touches.reserve(contacts);
   touches_before.reserve(contacts);
   points.reserve(contacts);

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "components/contact_world/engine/world.h"
+#include "tests/support/contact_scenes.h"
 #include "tests/support/hard_scenes.h"
 
 namespace cotwin::contact_world {
@@ -52,6 +53,21 @@ TEST(Statics, AnArchOfNineWedgesStandsWithEnoughFrictionAndSlidesWithLess) {
 TEST(Statics, ALadderStandsJustAboveItsCriticalFriction) {
   EXPECT_LT(watch(testing::ladder(1.01 * testing::critical_ladder_mu())).way, 1e-6);
   EXPECT_GT(watch(testing::ladder(0.99 * testing::critical_ladder_mu())).way, 1e-4);
+}
+
+TEST(Statics, ATowerOfFortyCubesStands) {
+  for (const int cubes : {35, 40}) EXPECT_LT(watch(testing::stack(cubes)).way, 1e-5) << cubes;
+}
+
+TEST(Statics, ALightBodyCarriesOneOfTenThousandTimesItsMass) {
+  for (const double drop : {0.0, 0.001}) {
+    scene::Scene scene = testing::stack(2);
+    scene::Body& heavy = scene.bodies.back();
+    heavy.inertia.mass *= 1e4;
+    heavy.inertia.I_CC *= 1e4;
+    heavy.X_WB.p.z() += drop;
+    EXPECT_LT(watch(scene).way, drop + 1e-4) << drop;
+  }
 }
 
 }  // namespace

@@ -74,7 +74,10 @@ class Dantzig {
   Dantzig() = default;
   explicit Dantzig(const Options& options) : options_(options) {}
 
-  void limit_pivots(int pivots) { options_.pivots = pivots; }
+  void limit(int pivots, int turns) {
+    options_.pivots = pivots;
+    options_.turns = turns;
+  }
 
   /// Allocates for n rows and this number of cones; solve() allocates only for larger problems.
   void reserve(int n, int cones);
