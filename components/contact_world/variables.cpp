@@ -142,7 +142,7 @@ void ContactWorld::declare(Variables& v) {
   v.output("contact_swing", contact_swing_, "1",
            "largest h ω of a loaded soft contact, with its spring and the mobility behind it; above 1 `force` misses peaks");
   v.output("extended", extended_,
-           "islands of contacts at rest that took more than max_iterations sweeps in the step, up to 50 times as many");
+           "islands that took more than max_iterations sweeps in the step, up to 50 times as many, or were pivoted");
   for (const auto& body : bodies_) {
     if (body->foundation.any()) body->foundation.declare(v, body->prefix);
   }

@@ -14,6 +14,7 @@ constexpr double kAcross = 1e-9;
 
 /// Residual, relative to the speed of rest, above which sweeps replace an unfinished result.
 constexpr double kPoorResidual = 1e-4;
+constexpr Rows::Pivots kPivots{100, 3, 30};
 
 using Two [[gnu::vector_size(16)]] = double;
 using AlignedPair [[gnu::may_alias]] = Two;
@@ -154,8 +155,8 @@ Rows::Outcome Rows::pivot(const Island& island, int iterations, double tolerance
     clear_changes(island);
   }
   Outcome outcome;
-  if (!pivot_from_start(island, {100, 3, 30}, rest > 0 ? kPoorResidual * rest : kInfinity,
-                        outcome)) {  // friction that pivoting does not resolve
+  const double acceptable = rest > 0 ? kPoorResidual * rest : kInfinity;
+  if (!pivot_from_start(island, kPivots, acceptable, outcome)) {  // friction that pivoting does not resolve
     const int pivots = outcome.iterations;
     outcome = sweep_only(island, effort(island, iterations, tolerance, rest));
     outcome.iterations += pivots;

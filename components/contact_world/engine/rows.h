@@ -115,7 +115,7 @@ class Rows {
     int iterations = 0;
     double residual = 0;
     int degenerate = 0;
-    int extended = 0;  // islands at rest that took more sweeps, or that pivoting left to sweeps
+    int extended = 0;  // islands that took more sweeps, that sweeps left to pivoting, or the other way round
     void add(const Outcome& other);
   };
   /// Islands of few contacts whose speeds are all below `rest` may take 50 times as many sweeps if they have not converged: their

@@ -20,8 +20,8 @@ constexpr double kRoundingGain = 1e-9;
 /// Bound of the work along positive targets, relative to that of a contact alone: contacts carry one another.
 constexpr double kShareOfTargets = 4;
 
-/// Islands at rest: most contacts, factors of the number of sweeps in total and before pivots, and residual that ends the additional ones, relative to the
-/// speed of rest.
+/// Islands at rest: most contacts, factors of the number of sweeps in total and before pivots, and residual that ends the additional
+/// ones, relative to the speed of rest.
 constexpr std::size_t kContactsAtRest = 200;
 constexpr int kFactorAtRest = 50, kFactorBeforePivots = 5;
 constexpr double kConvergedAtRest = 1e-4;

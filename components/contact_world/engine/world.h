@@ -34,9 +34,9 @@ struct Status {
   std::size_t contacts = 0;  // points in the step
   std::size_t grown = 0;     // number of times that the capacity was exceeded, since construction
   int degenerate = 0;        // redundant or contradicting rows that were relaxed
-  int extended = 0;          // islands at rest that took more than `iterations` sweeps, or that pivoting left to sweeps
-  int impacts = 0;           // rounds of impacts, one after the other
-  double swing = 0;          // largest h ω of a loaded soft contact: its spring with the mobility behind it
+  int extended = 0;  // islands that took more than `iterations` sweeps, that sweeps left to pivoting, or the other way round
+  int impacts = 0;   // rounds of impacts, one after the other
+  double swing = 0;  // largest h ω of a loaded soft contact: its spring with the mobility behind it
 };
 
 /// A body with a surface that yields.
