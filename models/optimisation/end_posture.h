@@ -21,8 +21,9 @@ std::vector<std::vector<double>> self_motion(const robot::RobotModel& robot, rob
                                              const SelfMotionOptions& options = {});
 
 /// Minimises the costs over motions to a pose: as minimise() with the self-motion through ends.q_to as end postures, and once more
-/// with the end ends.q_to alone, and, if that is the better one, about its result; returns the best of them. The end that is found between two postures is moved to the pose
-/// exactly; if the motion then violates a bound, the search is repeated for this end. End postures are within the bounds of the problem.
+/// with the end ends.q_to alone, and, if that is the better one, about its result; returns the best of them. The end that is found
+/// between two postures is moved to the pose exactly; if the motion then violates a bound, the search is repeated for this end. End
+/// postures are within the bounds of the problem.
 /// Limits of the options hold for all searches together.
 Solution minimise_to_pose(const Problem& problem, robot::InverseKinematics& kinematics, const robot::PoseTarget& target,
                           const SearchOptions& options = {}, numerics::Threads* threads = nullptr,

@@ -118,6 +118,13 @@ class Search {
   /// A motion that was found, with the end posture nearest to its own.
   Point point_of(const Solution& s) const {
     const Problem& p = problem();
+    const std::size_t n = evaluator_.joints(), d = n * evaluator_.basis().redundant(), axes = middle_compliance(p).size();
+    if (s.c.size() != d || s.q_to.size() != n || s.compliance.size() != axes || !(s.T > 0)) {
+      throw Error("optimisation", "a search from a motion of " + std::to_string(s.q_to.size()) + " joints, " +
+                                      std::to_string(s.c.size()) + " coefficients, " + std::to_string(s.compliance.size()) +
+                                      " compliant axes and " + text::to_text(s.T) + " s, expected " + std::to_string(n) + ", " +
+                                      std::to_string(d) + ", " + std::to_string(axes) + " and a duration above 0");
+    }
     const double u = p.T_min == p.T_max ? 1 : std::clamp(std::log(s.T / p.T_min) / std::log(p.T_max / p.T_min), 0.0, 1.0);
     return {Eigen::Map<const VectorXd>(s.c.data(), static_cast<Index>(s.c.size())), u, nearest_posture(s.q_to), s.compliance};
   }

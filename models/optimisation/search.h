@@ -99,7 +99,7 @@ std::vector<ComplianceValues> best_compliance(const Problem& problem, std::span<
 /// number of threads.
 Solution minimise(const Problem& problem, const SearchOptions& options = {}, numerics::Threads* threads = nullptr);
 /// The same about a feasible motion of this problem or of one with another end; no worse than that motion with the end posture that
-/// is nearest to its own.
+/// is nearest to its own. Throws Error if that motion has another number of joints, coefficients or compliant axes.
 Solution minimise_from(const Problem& problem, const Solution& start, const SearchOptions& options = {},
                        numerics::Threads* threads = nullptr);
 
