@@ -20,6 +20,7 @@ constexpr double kLargestResolved = 0.3;
 
 /// h ω of a soft contact above which the mean force over a step misses more than 5 % of its peaks.
 constexpr double kResolvedSwing = 1;
+constexpr double kUnsolvedTime = 0.05;  // s; single impacts that are not solved pass unnoticed
 
 Eigen::Map<Eigen::Vector3d> vector3(Values& v) { return Eigen::Map<Eigen::Vector3d>(v.data()); }
 
@@ -229,6 +230,7 @@ void ContactWorld::initialise(Time start) {
   }
   h_before_ = 0;
   largest_swing_ = 0;
+  unsolved_time_ = largest_unsolved_ = 0;
   write_outputs(0);
 }
 
@@ -445,6 +447,11 @@ void ContactWorld::write_outputs(double h) {
   residual_ = status.residual;
   degenerate_ = status.degenerate;
   extended_ = status.extended;
+  unsolved_ = status.unsolved;
+  if (unsolved_ > 0) {
+    unsolved_time_ += h;
+    largest_unsolved_ = std::max(largest_unsolved_, residual_);
+  }
   grown_ = static_cast<std::int32_t>(status.grown);
   impacts_ = status.impacts;
   contact_swing_ = status.swing;
@@ -460,6 +467,13 @@ void ContactWorld::tell(std::vector<std::string>& notes) const {
   if (world_->forgotten_dents() > 0) {
     notes.push_back(std::to_string(world_->forgotten_dents()) +
                     " dents were forgotten, expected more than dents=" + std::to_string(options_.dents));
+  }
+  if (unsolved_time_ > kUnsolvedTime) {
+    notes.push_back("contacts were left unsolved for " + text::to_text(unsolved_time_, 3) +
+                    " s of the run, with a residual of up to " + text::to_text(largest_unsolved_, 2) +
+                    " m/s, expected at most what gravity gives in two steps: they may slide or fall where they should stand; "
+                    "more max_iterations or "
+                    "smaller steps help");
   }
   if (largest_swing_ <= kResolvedSwing) return;
   notes.push_back("the step is " + text::to_text(std::round(10 * largest_swing_) / 10) +

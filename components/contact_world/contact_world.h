@@ -91,10 +91,11 @@ class ContactWorld final : public Unit {
   double h_before_ = 0;                                      // state
   std::vector<double> contact_p_, contact_f_, contact_gap_;  // outputs
   std::vector<std::int32_t> contact_bodies_;
-  std::int32_t contacts_ = 0, used_iterations_ = 0, grown_ = 0, degenerate_ = 0, extended_ = 0;
+  std::int32_t contacts_ = 0, used_iterations_ = 0, grown_ = 0, degenerate_ = 0, extended_ = 0, unsolved_ = 0;
   std::int32_t impacts_ = 0;
   double contact_swing_ = 0;
-  double largest_swing_ = 0;  // of the run
+  double largest_swing_ = 0;                         // of the run
+  double unsolved_time_ = 0, largest_unsolved_ = 0;  // of the run, s, m/s
   double residual_ = 0, joint_gap_ = 0, energy_ = 0, penetration_ = 0, largest_force_ = 0;
 };
 

@@ -12,8 +12,6 @@ namespace {
 /// would drive friction to its cone.
 constexpr double kAcross = 1e-9;
 
-/// Residual, relative to the speed of rest, above which sweeps replace an unfinished result.
-constexpr double kPoorResidual = 1e-4;
 constexpr Rows::Pivots kPivots{100, 3, 30};
 
 using Two [[gnu::vector_size(16)]] = double;
@@ -52,8 +50,8 @@ void Rows::reserve_pivoting(std::size_t cones, std::size_t boxes) {
 Rows::Outcome Rows::pivot(int iterations, double tolerance, double rest) {
   Outcome all;
   for (const Island& island : islands_) {
-    const std::size_t n = island.end_box - island.first_box + 3 * (island.end_cone - island.first_cone);
-    all.add(n > kRowsToPivot ? sweep(island, iterations, tolerance, rest) : pivot(island, iterations, tolerance, rest));
+    const bool few = rows_of(island) <= kRowsOfSmall && !at_rest(island, rest);
+    all.add(few ? pivot(island, iterations, tolerance, rest) : sweep(island, iterations, tolerance, rest, Residual::kNone));
   }
   return all;
 }
@@ -155,13 +153,14 @@ Rows::Outcome Rows::pivot(const Island& island, int iterations, double tolerance
     clear_changes(island);
   }
   Outcome outcome;
-  const double acceptable = rest > 0 ? kPoorResidual * rest : kInfinity;
+  const double acceptable = rest > 0 ? kExactResidual * rest : kInfinity;
   if (!pivot_from_start(island, kPivots, acceptable, outcome)) {  // friction that pivoting does not resolve
     const int pivots = outcome.iterations;
-    outcome = sweep_only(island, effort(island, iterations, tolerance, rest));
+    outcome = sweep_only(island, effort(island, iterations, tolerance, false, rest));
     outcome.iterations += pivots;
     outcome.extended = 1;
   }
+  outcome.unsolved = rest > 0 && outcome.residual > rest;
   outcome.iterations += sweeps;
   return outcome;
 }

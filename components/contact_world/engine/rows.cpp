@@ -109,11 +109,12 @@ void Rows::reserve(std::size_t cones, std::size_t boxes, std::size_t gears) {
   reserve_pivoting(cones, boxes);
 }
 
-void Rows::Outcome::add(const Outcome& other) {
-  iterations = std::max(iterations, other.iterations);
-  residual = std::max(residual, other.residual);
-  degenerate += other.degenerate;
-  extended += other.extended;
+void Rows::Outcome::add(const Outcome& of_island) {
+  iterations = std::max(iterations, of_island.iterations);
+  residual = std::max(residual, of_island.residual);
+  degenerate += of_island.degenerate;
+  extended += of_island.extended;
+  unsolved += of_island.unsolved;
 }
 
 void Rows::clear() {

@@ -116,7 +116,8 @@ class Rows {
     double residual = 0;
     int degenerate = 0;
     int extended = 0;  // islands that took more sweeps, that sweeps left to pivoting, or the other way round
-    void add(const Outcome& other);
+    int unsolved = 0;  // islands with a residual above the speed of rest; at rest: above 5 % of it
+    void add(const Outcome& of_island);
   };
   /// Islands of few contacts whose speeds are all below `rest` may take 50 times as many sweeps if they have not converged: their
   /// friction decides whether they stand.
@@ -127,12 +128,18 @@ class Rows {
   void apply(std::span<RigidBody> bodies, Forest& forest);
 
  private:
-  /// Larger islands use sweeps: A is dense, and a pivot costs the square of its size.
-  static constexpr std::size_t kRowsToPivot = 600;
+  /// A is dense, and a pivot costs the square of its size: islands at rest with more than kRowsToPivot rows and others with more than kRowsOfMoving
+  /// are swept only, those above kRowsOfSmall are swept first.
+  static constexpr std::size_t kRowsOfSmall = 96, kRowsOfMoving = 240, kRowsToPivot = 600;
+  /// Residual, relative to the speed of rest, up to which a result counts as exact.
+  static constexpr double kExactResidual = 1e-4;
 
   struct Island {
     std::size_t first_box = 0, end_box = 0, first_cone = 0, end_cone = 0, first_slice = 0, end_slice = 0;
   };
+  static std::size_t rows_of(const Island& island) {
+    return island.end_box - island.first_box + 3 * (island.end_cone - island.first_cone);
+  }
   struct Slice {
     int offset = 0, size = 0;
   };
@@ -189,10 +196,13 @@ class Rows {
     int least = 0, most = 0;
     double tolerance = 0, tolerance_at_rest = 0;
   };
-  Effort effort(const Island& island, int iterations, double tolerance, double rest) const;
+  bool at_rest(const Island& island, double rest) const;
+  Effort effort(const Island& island, int iterations, double tolerance, bool rests, double rest) const;
   Outcome sweep(const Island& island, const Effort& effort, bool accelerate);
   Outcome sweep_only(const Island& island, const Effort& effort);
-  Outcome sweep(const Island& island, int iterations, double tolerance, double rest);
+  /// What sweeps may leave without being followed by pivots.
+  enum class Residual : char { kNone, kOfMovingContacts };
+  Outcome sweep(const Island& island, int iterations, double tolerance, double rest, Residual allowed);
   bool pivot_from_start(const Island& island, const Pivots& limits, double acceptable, Outcome& outcome);
   Outcome pivot(const Island& island, int iterations, double tolerance, double rest);
   bool newly_loaded(const Island& island) const;

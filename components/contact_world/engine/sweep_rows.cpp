@@ -26,15 +26,14 @@ constexpr std::size_t kContactsAtRest = 200;
 constexpr int kFactorAtRest = 50, kFactorBeforePivots = 5;
 constexpr double kConvergedAtRest = 1e-4;
 
-/// Islands that are pivoted if sweeps leave a residual above this, relative to the speed of rest.
-constexpr std::size_t kRowsOfSmall = 96;
-constexpr double kPoorOfSmall = 0.05;
+/// Residual, relative to the speed of rest, above which small moving islands are pivoted after sweeps, and islands at rest are unsolved.
+constexpr double kPoorResidual = 0.05;
 
 /// Residual that ends additional sweeps over limits, motors and friction of joints, which cost little: rad/s, m/s.
 constexpr double kConvergedAxes = 1e-6;
 
 /// Pivots after sweeps begin close to the solution, or do not end.
-constexpr Rows::Pivots kPivotsAtRest{100, 3, 30}, kPivotsOfSmall{12, 0.2, 6};
+constexpr Rows::Pivots kPivotsAtRest{100, 3, 30}, kPivotsOfMoving{12, 0.2, 6}, kPivotsOfLarge{30, 0, 4};
 
 /// N.s: smaller friction counts as zero; its shift would overflow.
 constexpr double kZeroImpulse = 1e-100;
@@ -324,24 +323,29 @@ Rows::Outcome Rows::sweep(const Island& island, const Effort& effort, bool accel
   return outcome;
 }
 
+/// Whether contacts alone hold the island, which moves at less than `rest` before they act.
+bool Rows::at_rest(const Island& island, double rest) const {
+  if (rest == 0 || island.first_cone == island.end_cone || island.first_box < island.end_box) return false;
+  for (std::size_t i = island.first_cone; i < island.end_cone; ++i) {
+    const Core& core = cores_[i];
+    const double speeds[] = {core.b[0] + core.target, core.b[1], core.b[2]};
+    for (const double speed : speeds) {
+      if (!(std::abs(speed) <= rest)) return false;
+    }
+  }
+  return true;
+}
+
 /// More sweeps for islands at rest and for those without contacts.
-Rows::Effort Rows::effort(const Island& island, int iterations, double tolerance, double rest) const {
+Rows::Effort Rows::effort(const Island& island, int iterations, double tolerance, bool rests, double rest) const {
   Effort effort{iterations, iterations, tolerance, std::max(tolerance, kConvergedAtRest * rest)};
   const std::size_t contacts = island.end_cone - island.first_cone, boxes = island.end_box - island.first_box;
   if (contacts == 0 && boxes <= kContactsAtRest) {
     effort.most = kFactorAtRest * iterations;
     effort.tolerance_at_rest = std::max(tolerance, kConvergedAxes);
-    return effort;
+  } else if (rests && contacts <= kContactsAtRest) {
+    effort.most = kFactorAtRest * iterations;
   }
-  if (rest == 0 || contacts == 0 || contacts > kContactsAtRest || boxes > 0) return effort;
-  for (std::size_t i = island.first_cone; i < island.end_cone; ++i) {
-    const Core& core = cores_[i];
-    const double speeds[] = {core.b[0] + core.target, core.b[1], core.b[2]};
-    for (const double speed : speeds) {
-      if (!(std::abs(speed) <= rest)) return effort;
-    }
-  }
-  effort.most = kFactorAtRest * iterations;
   return effort;
 }
 
@@ -363,32 +367,42 @@ Rows::Outcome Rows::sweep_only(const Island& island, const Effort& effort) {
   return outcome;
 }
 
-// An island at rest whose sweeps do not converge soon stands or falls by friction, and a small one that they leave far from its laws has
-// bodies of very different mass: they are pivoted from where the sweeps have come to. Where pivoting does not end, islands at rest are
-// swept further.
-Rows::Outcome Rows::sweep(const Island& island, int iterations, double tolerance, double rest) {
-  const Effort most = effort(island, iterations, tolerance, rest);
+// Pivots, from where the sweeps have come to, islands at rest whose sweeps do not converge (they stand or fall by friction), small ones that sweeps
+// leave far from their laws (bodies of very different mass), and with Residual::kNone all that are not too large. Where pivoting does not end,
+// islands at rest are swept further, and others keep the result of the sweeps.
+Rows::Outcome Rows::sweep(const Island& island, int iterations, double tolerance, double rest, Residual allowed) {
+  const bool rests = at_rest(island, rest);
+  const Effort most = effort(island, iterations, tolerance, rests, rest);
   Effort some = most;
   some.most = std::min(most.most, kFactorBeforePivots * iterations);
   Outcome outcome = sweep_only(island, some);
-  const bool more = most.most > some.most;
-  const std::size_t rows = island.end_box - island.first_box + 3 * (island.end_cone - island.first_cone);
-  const bool small = rows <= kRowsOfSmall && rest > 0;
-  if (!more && !small) return outcome;
-  if (outcome.residual <= (more ? most.tolerance_at_rest : kPoorOfSmall * rest)) return outcome;
+  outcome.unsolved = rest > 0 && outcome.residual > (rests ? kPoorResidual : 1) * rest;
+  const bool more = most.most > some.most, exact = allowed == Residual::kNone;
+  double enough = most.tolerance_at_rest;
+  if (!more) enough = exact ? std::max(tolerance, kExactResidual * rest) : kPoorResidual * rest;
+  if (outcome.residual <= enough) return outcome;
+  const std::size_t most_rows = exact ? kRowsOfMoving : rest > 0 ? kRowsOfSmall : 0;
+  if (!more && rows_of(island) > most_rows) {
+    outcome.extended = exact;
+    return outcome;
+  }
   const int sweeps = outcome.iterations;
   clear_changes(island);
-  Outcome exact;
-  if (pivot_from_start(island, more ? kPivotsAtRest : kPivotsOfSmall, outcome.residual, exact)) {
-    outcome = exact;
-  } else if (more) {
+  Outcome pivoted;
+  const bool large = rows_of(island) > kRowsOfMoving;
+  const Pivots limits = !more ? kPivotsOfMoving : large ? kPivotsOfLarge : kPivotsAtRest;
+  if (pivot_from_start(island, limits, outcome.residual, pivoted)) {
+    outcome = pivoted;
+  } else if (more && !large) {
     outcome = sweep_only(island, most);
   } else {
     apply_start(island);
+    outcome.extended = exact;
     return outcome;
   }
   outcome.iterations += sweeps;
   outcome.extended = 1;
+  outcome.unsolved = rest > 0 && outcome.residual > (rests ? kPoorResidual : 1) * rest;
   return outcome;
 }
 
@@ -423,7 +437,7 @@ void Rows::clear_changes(const Island& island) {
 
 Rows::Outcome Rows::sweep(int iterations, double tolerance, double rest) {
   Outcome all;
-  for (const Island& island : islands_) all.add(sweep(island, iterations, tolerance, rest));
+  for (const Island& island : islands_) all.add(sweep(island, iterations, tolerance, rest, Residual::kOfMovingContacts));
   return all;
 }
 

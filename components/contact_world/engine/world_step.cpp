@@ -38,6 +38,7 @@ void World::Impl::step(double h) {
   status.residual = 0;
   status.degenerate = 0;
   status.extended = 0;
+  status.unsolved = 0;
   status.impacts = 0;
   status.swing = 0;
   if (stale) {
@@ -367,6 +368,7 @@ void World::Impl::solve_rows() {
     status.residual = round == 0 ? std::max(status.residual, outcome.residual) : outcome.residual;
     status.degenerate = std::max(status.degenerate, outcome.degenerate);
     status.extended = std::max(status.extended, outcome.extended);
+    status.unsolved = std::max(status.unsolved, outcome.unsolved);
     rows.apply(bodies, forest);
     const bool moved = solve_trees(), curved = linearise_springs();
     if (!moved && !curved) break;

@@ -179,7 +179,7 @@ TEST_P(PublicTest, StackOfTenLoadsAllItsCornersAndIsSolvedFromTheLastStep) {
     residual = std::max(residual, w.status().residual);
   }
   if (GetParam() == Method::kDantzig) {
-    EXPECT_EQ(pivots, 0);
+    EXPECT_LE(pivots, 1);        // the sweep that finds nothing to do
     EXPECT_LT(residual, 1e-14);  // m/s
   } else {
     EXPECT_LT(residual, 5e-8);  // m/s; without the best step along each sweep 4e-7

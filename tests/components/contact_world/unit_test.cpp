@@ -20,6 +20,7 @@
 #include "models/robot/urdf/urdf.h"
 #include "tests/support/allocations.h"
 #include "tests/support/error_of.h"
+#include "tests/support/files.h"
 #include "tests/support/places.h"
 
 namespace cotwin {
@@ -28,6 +29,7 @@ namespace {
 using cotwin::testing::error_of;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
+using ::testing::StartsWith;
 using Values = std::vector<double>;
 
 const std::string kData = places::source() + "/tests/components/data/";
@@ -252,6 +254,34 @@ TEST(ContactWorld, ASoftWallPushesWithItsSpring) {
   }
   EXPECT_GT(force[0], 5);
   EXPECT_NEAR(force[0], force[1], 2e-3 * force[1]);
+}
+
+TEST(ContactWorld, NotesContactsThatItLeavesUnsolved) {
+  std::string sdf =
+      "<sdf version='1.10'><world name='w'><model name='ground'><static>true</static><link name='l'><collision name='c'>"
+      "<geometry><plane/></geometry></collision></link></model>";
+  for (int k = 0; k < 60; ++k) {
+    sdf +=
+        "<model name='cube_" + std::to_string(k) + "'><pose>0 0 " + std::to_string(0.05 + 0.1 * k) +
+        " 0.01 0 0</pose><link name='l'><inertial auto='true'/><collision name='c'><geometry><box><size>0.1 0.1 "
+        "0.1</size></box>"
+        "</geometry><surface><friction><ode><mu>0.3</mu><mu2>0.3</mu2></ode></friction></surface></collision></link></model>";
+  }
+  const cotwin::testing::TemporaryFolder folder("tower");
+  folder.write("tower.sdf", sdf + "</world></sdf>");
+  Subject tower("unit:contact_world?scene=" + (folder.path() / "tower.sdf").string() + "&contacts=300");
+  const auto notes = [&] {
+    std::vector<std::string> all;
+    tower.unit().tell(all);
+    return all;
+  };
+  tower.initialise();
+  for (int i = 0; i < 40; ++i) tower.step(1e-3);
+  EXPECT_THAT(notes(), ElementsAre()) << "less than 50 ms";
+  for (int i = 0; i < 40; ++i) tower.step(1e-3);
+  EXPECT_THAT(notes(), ElementsAre(StartsWith("contacts were left unsolved for 0.0")));
+  tower.initialise();
+  EXPECT_THAT(notes(), ElementsAre());
 }
 
 TEST(ContactWorld, NotesJointsThatStartBeyondTheirLimits) {
