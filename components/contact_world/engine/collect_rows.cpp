@@ -94,6 +94,11 @@ void World::Impl::collect_contact(std::size_t t, Stage stage, double h) {
     if (touch.restitution > 0 && stage == Stage::kVelocity && normal_velocity(touch) < -kSlow * h * scene.gravity.norm())
       return;
   }
+  if (stage == Stage::kPosition && touch.followed) {  // the laws hold for the middle of the step
+    const Vector3d change = h / 2 * change_along(touch);
+    if (touch.stiffness == kInfinity) row.target -= n.dot(change);
+    for (int k = 0; k < 2; ++k) row.slide[k] = -row.d.col(k + 1).dot(change);
+  }
   Eigen::Map<Vector3d>(row.x) = row.d.transpose() * touch.impulse;
   for (int k = 0; k < 2; ++k) {
     const double share = touch.mu_share[k];
@@ -113,6 +118,21 @@ void World::Impl::collect_contact(std::size_t t, Stage stage, double h) {
   turn.hi = spin;
   row_origin.push_back({-1, kJointRows});
   rows.add(turn);
+}
+
+/// Rate at which the relative velocity of the bodies at the point changes during the drift, because the point travels and because free bodies
+/// change their angular velocity, m/s².
+Vector3d World::Impl::change_along(const Touch& touch) const {
+  const auto of = [&](const RigidBody& body, const Vector3d& travel) -> Vector3d {
+    Vector3d change = body.w.cross(travel);
+    if (body.dynamic()) {
+      const Vector3d moment = -body.w.cross(body.L);
+      const Vector3d turn = body.R * body.inverse_moments.cwiseProduct(body.R.transpose() * moment);
+      change += turn.cross(touch.point.p_W - body.p);
+    }
+    return change;
+  };
+  return of(bodies[index(touch.point.body_b)], touch.travel_b) - of(bodies[index(touch.point.body_a)], touch.travel_a);
 }
 
 /// The row of a contact point without target and impulse.

@@ -418,6 +418,7 @@ void Rows::measure(std::span<const RigidBody> bodies) {
     const Relative relative(bodies, row.a, row.b, row.p);
     for (int k = 0; k < 3; ++k) core.b[k] = row.d.col(k).dot(relative.v);
     core.b[0] -= core.target;
+    for (int k = 0; k < 2; ++k) core.b[k + 1] -= row.slide[k];
   }
 }
 

@@ -66,7 +66,8 @@ struct ConeRow {
   double push = 0, damper = 0;  // kGiven: constant impulse, N.s, and impulse per speed, N.s²/m
   double swing = 0;             // result: (h ω)²
   double target = 0, softness = 0, mu = 0;
-  double lo = 0;  // ≤ 0; Dantzig uses 0
+  double slide[2] = {};  // targets of the tangential velocities
+  double lo = 0;         // ≤ 0; Dantzig uses 0
   double x[3] = {}, applied[3] = {};
   int point = 0;  // index of the step's contact
   int island = 0;

@@ -29,7 +29,7 @@ std::vector<Joint> joints_of(const scene::Scene& scene, std::span<const RigidBod
 }
 
 constexpr std::size_t kHeader = 3 + Guard::kNumbers, kNumbersPerBody = 16, kNumbersPerJoint = 5 + kJointRows,
-                      kNumbersPerNode = 18, kNumbersPerTouch = 12;
+                      kNumbersPerNode = 18, kNumbersPerTouch = 19;
 
 }  // namespace
 
@@ -290,6 +290,9 @@ void World::save(std::vector<double>& state) const {
     put(point.body_a, point.body_b, point.shape_a, point.shape_b, point.id >> 32U, point.id & 0xffffffffU);
     put_all(point.p_W);
     put_all(w.touches[t].impulse);
+    put_all(w.touches[t].travel_a);
+    put_all(w.touches[t].travel_b);
+    put(w.touches[t].followed);
   }
   std::fill(to, state.data() + state.size(), 0.0);
 }
@@ -408,6 +411,9 @@ void World::restore(std::span<const double> state) {
     point.id |= static_cast<std::uint64_t>(get());
     get_all(point.p_W);
     get_all(touch.impulse);
+    get_all(touch.travel_a);
+    get_all(touch.travel_b);
+    touch.followed = get() != 0;
   }
   w.points.clear();
   w.forces.clear();

@@ -52,7 +52,8 @@ struct Yielding {
 /// Bodies in maximal coordinates, (1): M ν̇ = f + f_c. contact_world.h is the unit around it.
 ///
 /// A step from t_n to t_n + h is RATTLE with contacts, after the impacts of bodies with restitution (impacts.cpp):
-///   1. half a kick by the forces at x_n, and impulses such that x_{n+1} satisfies the joints and no gap becomes negative
+///   1. half a kick by the forces at x_n, and impulses such that x_{n+1} satisfies the joints and no gap becomes negative; contact points
+///      stick in the middle of the step, to which they are followed along edges
 ///   2. drift with the velocity of the step's middle; rotations conserve angular momentum and are of second order
 ///   3. half a kick by the forces at x_{n+1}, and impulses such that v_{n+1} satisfies joints and contacts
 /// Second order and symplectic without impacts; momentum is conserved exactly.

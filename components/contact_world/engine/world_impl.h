@@ -72,8 +72,12 @@ struct World::Impl {
     double push = 0, share = 0;                // soft: spring's impulse in the velocity stage, N.s; of SoftContact
     bool conserves = false;                    // soft: of SoftContact, in this step
     bool matched = false;                      // with a point of the other list
-    bool distant = false;                      // of a fast body that does not touch yet: without effect in this step
-    bool too_deep = false;                     // for separate()
+    bool followed = false;                     // the following is known
+    Vector3d travel_a =
+        Vector3d::Zero();  // velocity of the point, which may move along both surfaces, against the centres of mass,
+    Vector3d travel_b = Vector3d::Zero();  // over the last step, m/s
+    bool distant = false;                  // of a fast body that does not touch yet: without effect in this step
+    bool too_deep = false;                 // for separate()
     ImpactRole role = ImpactRole::kNone;
 
     /// Twice the energy of the contact's spring, J.
@@ -88,7 +92,8 @@ struct World::Impl {
 
   // Phases of a step, in order
   void step(double h);
-  void refresh(double h);  // updates all that depends on poses alone
+  void refresh(double h,
+               double drifted);  // updates all that depends on poses alone, which have moved for the time `drifted`, s
   void resolve_impacts(double h);
   void kick(double half);
   void solve(Stage stage, double h);
@@ -177,7 +182,8 @@ struct World::Impl {
   void mark_too_deep();
   bool move_apart(double h);
   void set_margin(double h);
-  void match();
+  void match(double drifted);
+  Vector3d change_along(const Touch& touch) const;
   void set_friction(Touch& touch, const scene::Material& a, const scene::Material& b) const;
   double normal_velocity(const Touch& touch) const;
 

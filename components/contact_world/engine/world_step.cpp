@@ -46,7 +46,7 @@ void World::Impl::step(double h) {
     for (Forest::Tree& tree : forest.trees()) {
       if (!restored) tree.loops.jump();
     }
-    refresh(h);
+    refresh(h, 0);
   }
 
   for (Touch& touch : touches) {
@@ -65,7 +65,7 @@ void World::Impl::step(double h) {
   account_position_stage(h);
   drift(h);
   for (Forest::Tree& tree : forest.trees()) tree.loops.advance();
-  refresh(h);
+  refresh(h, advance.any() ? 0 : h);
   yield(h);
   begin_inertias();
   apply_lost_springs();  // reads the points before those of separate()
@@ -82,10 +82,11 @@ void World::Impl::step(double h) {
   for (Axis& axis : axes) axis.tau = axis.stiffness = axis.damping = axis.rate = axis.spring = 0;
 }
 
-void World::Impl::refresh(double h) {
+void World::Impl::refresh(double h, double drifted) {
   for (Forest::Tree& tree : forest.trees()) forest.place(tree, bodies, joints);
   if (!restored) set_margin(h);
   detect();
+  match(drifted);
   prepared = false;
   stale = restored = false;
 }
@@ -173,16 +174,15 @@ void World::Impl::take_points() {
     touches.push_back(touch);
   }
   status.contacts = touches.size();
-  match();
 }
 
 // Matches the points of two steps; both lists are sorted by pair. Points with equal features are the same; if features swap, as
 // for aligned faces, the nearest unmatched point is taken.
-void World::Impl::match() {
+void World::Impl::match(double drifted) {
   const auto pair = [](const Touch& t) {
     return std::make_tuple(t.point.body_a, t.point.body_b, t.point.shape_a, t.point.shape_b);
   };
-  const auto take = [](Touch& touch, Touch& before) {
+  const auto take = [&](Touch& touch, Touch& before) {
     touch.impulse = before.impulse;
     touch.impact = before.impact;
     touch.sum = before.sum;
@@ -192,6 +192,16 @@ void World::Impl::match() {
     touch.gap_before = before.gap;
     touch.gain = before.gain;
     touch.matched = before.matched = true;
+    if (drifted > 0 && touch.point.id == before.point.id) {
+      const Vector3d travel = (touch.point.p_W - before.point.p_W) / drifted;
+      touch.travel_a = travel - bodies[index(touch.point.body_a)].v;
+      touch.travel_b = travel - bodies[index(touch.point.body_b)].v;
+      touch.followed = true;
+    } else if (restored) {
+      touch.travel_a = before.travel_a;
+      touch.travel_b = before.travel_b;
+      touch.followed = before.followed;
+    }
   };
   for (Touch& before : touches_before) before.matched = false;
   std::size_t begin = 0, first = 0;
