@@ -7,6 +7,7 @@
 
 #include "fmu/archive/uri.h"
 #include "fmu/fmi2.h"
+#include "fmu/import/callbacks.h"
 #include "fmu/import/foreign.h"
 #include "fmu/import/library.h"
 #include "models/foundation/support/error.h"
@@ -108,17 +109,14 @@ const char* word_of(fmi2Status status) {
   return static_cast<unsigned>(status) < 6 ? kWords[status] : "an unknown status";
 }
 
-void log(fmi2ComponentEnvironment environment, fmi2String, fmi2Status status, fmi2String category, fmi2String format, ...) {
-  if (environment == nullptr) return;
+void log(fmi2ComponentEnvironment environment, fmi2String instance, fmi2Status status, fmi2String category, fmi2String format,
+         ...) {
   char text[1000] = "";
   va_list arguments;
   va_start(arguments, format);
   if (format != nullptr) std::vsnprintf(text, sizeof text, format, arguments);
   va_end(arguments);
-  try {
-    static_cast<Messages*>(environment)->add(word_of(status), category != nullptr ? category : "", text);
-  } catch (...) {  // out of memory: the message is dropped and the FMU continues
-  }
+  CallbackData::log(environment, instance, word_of(status), category, text);
 }
 
 class Foreign2 final : public ForeignInstance {
@@ -128,13 +126,14 @@ class Foreign2 final : public ForeignInstance {
         co_(options.kind == InterfaceKind::kCoSimulation),
         event_indicators_(fmu.description.event_indicators),
         states_(fmu.description.structure.derivatives.size()),
+        data_(std::make_unique<CallbackData>(options.instance_name)),
         library_(library_file(fmu.folder, Version::k2, interface_.model_identifier)) {
     f_ = bind(library_, options, interface_);
     no_set_back_ = options.may_restore ? fmi2False : fmi2True;
     const std::string resources = uri_from_path(std::filesystem::absolute(fmu.folder / "resources"));
     component_ = f_.instantiate(options.instance_name.c_str(), co_ ? fmi2CoSimulation : fmi2ModelExchange,
-                                fmu.description.token.c_str(), resources.c_str(), &host_->callbacks, fmi2False, fmi2True);
-    if (component_ == nullptr) throw Error("fmi2Instantiate returned no instance" + host_->messages.take());
+                                fmu.description.token.c_str(), resources.c_str(), callbacks_.get(), fmi2False, fmi2True);
+    if (component_ == nullptr) throw Error("fmi2Instantiate returned no instance" + data_->messages.take());
     if (f_.set_debug_logging != nullptr) {
       // Only errors and warnings are logged, because logging costs time. FMUs without such categories log nothing.
       const std::vector<const char*> categories = error_categories(fmu.description);
@@ -145,7 +144,8 @@ class Foreign2 final : public ForeignInstance {
   ~Foreign2() override {
     if (fatal_) {  // threads of the FMU may still call back, so the callback data must stay valid
       library_.abandon();
-      static_cast<void>(host_.release());
+      static_cast<void>(data_.release());
+      static_cast<void>(callbacks_.release());
       return;
     }
     if (running_) f_.terminate.call_quietly(component_);
@@ -337,7 +337,7 @@ class Foreign2 final : public ForeignInstance {
     if (status == fmi2Fatal) fatal_ = true;
     fail(std::string(function) + " returned " + word_of(status));
   }
-  [[noreturn]] void fail(const std::string& what) { throw Error(what + host_->messages.take()); }
+  [[noreturn]] void fail(const std::string& what) { throw Error(what + data_->messages.take()); }
 
   fmi2Component component_ = nullptr;
   Functions2 f_{};
@@ -346,11 +346,10 @@ class Foreign2 final : public ForeignInstance {
   Interface interface_;
   bool co_;
   std::size_t event_indicators_, states_;
-  struct Host {  // data to which the FMU holds pointers
-    Messages messages;
-    fmi2CallbackFunctions callbacks{log, std::calloc, std::free, nullptr, &messages};
-  };
-  std::unique_ptr<Host> host_ = std::make_unique<Host>();
+  std::unique_ptr<CallbackData> data_;
+  // The FMU holds a pointer to them.
+  std::unique_ptr<fmi2CallbackFunctions> callbacks_{
+      new fmi2CallbackFunctions{log, std::calloc, std::free, nullptr, data_.get()}};
   Library library_;
 };
 

@@ -1,6 +1,7 @@
 // FMI 3.0.2; the section numbers in parentheses are those of the standard.
 #include "fmu/fmi3.h"
 
+#include "fmu/import/callbacks.h"
 #include "fmu/import/foreign.h"
 #include "fmu/import/library.h"
 #include "models/foundation/support/error.h"
@@ -162,10 +163,11 @@ class Foreign3 final : public ForeignInstance {
   Foreign3(const ForeignFmu& fmu, ForeignOptions options)
       : interface_(interface_of(fmu.description, options.kind)),
         options_(std::move(options)),
+        data_(std::make_unique<CallbackData>(options_.instance_name)),
         library_(library_file(fmu.folder, Version::k3, interface_.model_identifier)),
         f_(bind(library_, options_, fmu.description, interface_)) {
-    host_->set_inputs = options_.set_intermediate_inputs;
-    host_->may_ask_for_return = interface_.can_return_early_after_intermediate_update;
+    data_->set_inputs = options_.set_intermediate_inputs;
+    data_->may_ask_for_return = interface_.can_return_early_after_intermediate_update;
     const std::string resources = std::filesystem::absolute(fmu.folder / "resources").string() + "/";
     const char* name = options_.instance_name.c_str();
     const char* token = fmu.description.token.c_str();
@@ -174,12 +176,12 @@ class Foreign3 final : public ForeignInstance {
     const bool intermediate = interface_.provides_intermediate_update;
     const std::vector<std::uint32_t>& inputs = options_.intermediate_inputs;
     instance_ = co ? f_.instantiate_co_simulation(name, token, resources.c_str(), false, true, options_.event_mode, true,
-                                                  inputs.empty() ? nullptr : inputs.data(), inputs.size(), host_.get(), log,
+                                                  inputs.empty() ? nullptr : inputs.data(), inputs.size(), data_.get(), log,
                                                   intermediate ? intermediate_update : nullptr)
-                   : f_.instantiate_model_exchange(name, token, resources.c_str(), false, true, host_.get(), log);
+                   : f_.instantiate_model_exchange(name, token, resources.c_str(), false, true, data_.get(), log);
     if (instance_ == nullptr) {
       throw Error(std::string(co ? "fmi3InstantiateCoSimulation" : "fmi3InstantiateModelExchange") + " returned no instance" +
-                  host_->messages.take());
+                  data_->messages.take());
     }
     if (f_.set_debug_logging != nullptr) {
       // Only errors and warnings are logged, because logging costs time. FMUs without such categories log nothing.
@@ -191,8 +193,8 @@ class Foreign3 final : public ForeignInstance {
   ~Foreign3() override {
     if (fatal_) {  // threads of the FMU may still call back, so the callback data must stay valid
       library_.abandon();
-      host_->set_inputs = nullptr;
-      static_cast<void>(host_.release());
+      data_->set_inputs = nullptr;
+      static_cast<void>(data_.release());
       return;
     }
     if (running_) f_.terminate.call_quietly(instance_);
@@ -326,8 +328,8 @@ class Foreign3 final : public ForeignInstance {
     double reached = now + h;
     StepOutcome out;
     const fmi3Status status = f_.do_step(instance_, now, h, !options_.may_restore, &event, &terminate, &early, &reached);
-    if (host_->update_failed) {
-      host_->update_failed = false;
+    if (data_->update_failed) {
+      data_->update_failed = false;
       if (status == fmi3Fatal) check(status, "fmi3DoStep");
       fail("an intermediate update of the step from " + text::to_text(now) + " s failed");
     }
@@ -443,40 +445,29 @@ class Foreign3 final : public ForeignInstance {
     if (status == fmi3Fatal) fatal_ = true;
     fail(std::string(function) + " returned " + word_of(status));
   }
-  [[noreturn]] void fail(const std::string& what) { throw Error(what + host_->messages.take()); }
+  [[noreturn]] void fail(const std::string& what) { throw Error(what + data_->messages.take()); }
 
   static void log(fmi3InstanceEnvironment environment, fmi3Status status, fmi3String category, fmi3String message) {
-    if (environment == nullptr) return;
-    try {
-      static_cast<Host*>(environment)
-          ->messages.add(word_of(status), category != nullptr ? category : "", message != nullptr ? message : "");
-    } catch (...) {  // out of memory: the message is dropped and the FMU continues
-    }
+    CallbackData::log(environment, nullptr, word_of(status), category, message);
   }
   static void intermediate_update(fmi3InstanceEnvironment environment, double t, bool set_requested, bool, bool, bool,
                                   bool* early_return_requested, double* early_return_time) {
     if (early_return_requested != nullptr) *early_return_requested = false;
     if (early_return_time != nullptr) *early_return_time = t;
-    auto* host = static_cast<Host*>(environment);
-    if (host == nullptr || !host->set_inputs || !set_requested) return;
+    CallbackData* const data = CallbackData::find(environment, nullptr);
+    if (data == nullptr || !data->set_inputs || !set_requested) return;
     try {
-      host->set_inputs(t);
+      data->set_inputs(t);
     } catch (const std::exception& error) {  // the step is invalid: request an early return
-      host->messages.add("error", "intermediate update", error.what());
-      host->update_failed = true;
-      if (early_return_requested != nullptr) *early_return_requested = host->may_ask_for_return;
+      data->messages.add("error", "intermediate update", error.what());
+      data->update_failed = true;
+      if (early_return_requested != nullptr) *early_return_requested = data->may_ask_for_return;
     }
   }
 
   Interface interface_;
   ForeignOptions options_;
-  struct Host {  // data to which the FMU holds a pointer
-    Messages messages;
-    std::function<void(double)> set_inputs;
-    bool may_ask_for_return = false;
-    bool update_failed = false;  // an intermediate update of the current step failed
-  };
-  std::unique_ptr<Host> host_ = std::make_unique<Host>();
+  std::unique_ptr<CallbackData> data_;
   Library library_;
   Functions3 f_;
   fmi3Instance instance_ = nullptr;

@@ -1,8 +1,10 @@
 /* An FMU for Co-Simulation (FMI 2.0) with unusual behaviour, chosen by its parameter `mode`.
  *   x' = u (ramped by its input derivative), y = x, and z = 2 x, if the description has it.
  * It gives only the derivative of y; a request for another one makes the next step fail. A second instance called "only one"
- * in a process is refused. */
+ * in a process is refused. The logger gets the environment that COTWIN_STRAY names ("null", "1", "2"), otherwise the right one;
+ * with "thread" another thread calls it with the environment 2. */
 #include <math.h>
+#include <pthread.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -29,8 +31,28 @@ typedef struct {
 static int only_ones; /* alive */
 static int is_only_one(const char* name) { return strcmp(name, "only one") == 0; }
 
+typedef struct {
+  const Instance* i;
+  void* environment;
+  fmi2Status status;
+  const char *category, *text;
+} Message;
+static void* log_it(void* argument) {
+  const Message* m = argument;
+  m->i->callbacks->logger(m->environment, m->i->name, m->status, m->category, "%s", m->text);
+  return NULL;
+}
 static void say(const Instance* i, fmi2Status status, const char* category, const char* text) {
-  i->callbacks->logger(i->callbacks->componentEnvironment, i->name, status, category, "%s", text);
+  const char* stray = getenv("COTWIN_STRAY");
+  Message m = {i, i->callbacks->componentEnvironment, status, category, text};
+  if (stray != NULL) m.environment = strcmp(stray, "null") == 0 ? NULL : strcmp(stray, "1") == 0 ? (void*)1 : (void*)2;
+  if (stray == NULL || strcmp(stray, "thread") != 0) {
+    log_it(&m);
+    return;
+  }
+  pthread_t thread;
+  pthread_create(&thread, NULL, log_it, &m);
+  pthread_join(thread, NULL);
 }
 
 const char* fmi2GetTypesPlatform(void) { return "default"; }

@@ -1,7 +1,7 @@
 /* An FMU for Co-Simulation (FMI 3.0) with arrays, binaries, event mode, early return and intermediate update.
  *   x' = u for n elements, integrated by the midpoint rule with `u` from the intermediate update; y = x, or -x if `mirrored`
  * Every 0.3 s there is an event, which `events` counts; `d` may change only in event mode; `echo` returns `bytes` and their
- * number. */
+ * number. The callbacks get the environment that COTWIN_STRAY names ("null", "1", "2"), otherwise the right one. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -74,7 +74,11 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3
   begin(&i->m);
   i->event_mode = event_mode;
   i->early = early;
-  i->environment = environment;
+  const char* stray = getenv("COTWIN_STRAY");
+  i->environment = stray == NULL                ? environment
+                   : strcmp(stray, "null") == 0 ? NULL
+                   : strcmp(stray, "1") == 0    ? (void*)1
+                                                : (void*)2;
   i->log = log;
   i->update = update;
   return i;
