@@ -274,7 +274,8 @@ std::string read_archive_file(const fs::path& archive, const std::string& name, 
 }
 
 TemporaryFolder::TemporaryFolder() {
-  std::string pattern = (fs::temp_directory_path() / (std::string(kFolderPrefix) + "XXXXXX")).string();
+  const std::string name = std::string(kFolderPrefix) + std::to_string(getpid()) + "-XXXXXX";
+  std::string pattern = (fs::temp_directory_path() / name).string();
   if (mkdtemp(pattern.data()) == nullptr) {
     throw Error(pattern, "cannot be created: " + std::error_code(errno, std::generic_category()).message());
   }
@@ -298,19 +299,35 @@ TemporaryFolder& TemporaryFolder::operator=(TemporaryFolder&& other) noexcept {
   return *this;
 }
 
-void sweep_temporary_folders() {
+namespace {
+
+/// Removes the temporary folders of this user that no process has locked, last changed before `before`, and whose names begin as
+/// given.
+void remove_unlocked(const std::string& prefix, time_t before) {
   std::error_code none;
   for (const auto& entry : fs::directory_iterator(fs::temp_directory_path(none), none)) {
     const std::string name = entry.path().filename().string();
-    if (name.size() != kFolderPrefix.size() + 6 || name.rfind(kFolderPrefix, 0) != 0) continue;
+    if (!name.starts_with(prefix)) continue;
+    const std::size_t digits = std::min(name.find_first_not_of("0123456789", kFolderPrefix.size()), name.size());
+    if (digits == kFolderPrefix.size() || name.size() != digits + 7 || name[digits] != '-') continue;
     const int folder = ::open(entry.path().c_str(), O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
     if (folder < 0) continue;
     struct stat status {};
-    // A new folder may not be locked yet, so only folders older than kSweepAge are removed.
-    const bool ours = fstat(folder, &status) == 0 && status.st_uid == geteuid() && status.st_mtime < time(nullptr) - kSweepAge;
+    const bool ours = fstat(folder, &status) == 0 && status.st_uid == geteuid() && status.st_mtime < before;
     if (ours && flock(folder, LOCK_EX | LOCK_NB) == 0) fs::remove_all(entry.path(), none);
     close(folder);
   }
+}
+
+}  // namespace
+
+void sweep_temporary_folders() {
+  // A new folder may not be locked yet, so only folders older than kSweepAge are removed.
+  remove_unlocked(std::string(kFolderPrefix), time(nullptr) - kSweepAge);
+}
+
+void remove_temporary_folders(int process) {
+  remove_unlocked(std::string(kFolderPrefix) + std::to_string(process) + "-", std::numeric_limits<time_t>::max());
 }
 
 TemporaryFolder unpack_archive(const fs::path& archive, const ArchiveLimits& limits) {

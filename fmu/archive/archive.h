@@ -64,6 +64,8 @@ class TemporaryFolder {
 
 /// Removes the temporary folders that killed programs of this user left behind.
 void sweep_temporary_folders();
+/// Removes those of one process that has ended.
+void remove_temporary_folders(int process);
 
 /// Unpacks the archive into a new temporary folder. Throws Error like list_archive, and for damaged data; the folder is then
 /// removed.

@@ -5,8 +5,12 @@
 #include <sys/utsname.h>
 
 #include <algorithm>
+#include <atomic>
+#include <chrono>
 #include <cstring>
 #include <fstream>
+#include <system_error>
+#include <thread>
 
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
@@ -48,6 +52,26 @@ void check_loadable(const fs::path& file) {
   }
 }
 
+std::atomic<int> abandoned{0};
+
+std::vector<int> threads_of_process() {
+  std::vector<int> threads;
+  std::error_code none;
+  for (const auto& entry : fs::directory_iterator("/proc/self/task", none))
+    threads.push_back(std::stoi(entry.path().filename()));
+  return threads;
+}
+
+/// Whether this process has other threads than these. A thread that was joined may be listed for some µs.
+bool others_run(const std::vector<int>& threads) {
+  for (int attempt = 0; attempt < 5; ++attempt) {
+    const std::vector<int> now = threads_of_process();
+    if (std::ranges::all_of(now, [&](int thread) { return std::ranges::find(threads, thread) != threads.end(); })) return false;
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+  return true;
+}
+
 }  // namespace
 
 std::vector<std::string> platform_folders(Version version) {
@@ -83,7 +107,7 @@ fs::path library_file(const fs::path& folder, Version version, const std::string
               ".so; the FMU has binaries for " + (list.empty() ? "no platform" : list) + (sources ? ", and sources" : ""));
 }
 
-Library::Library(const fs::path& file) : file_(fs::absolute(file)) {
+Library::Library(const fs::path& file) : file_(fs::absolute(file)), threads_(threads_of_process()) {
   check_loadable(file_);
   const CallUnderWay call("the loading of its library");
   handle_ = dlopen(file_.c_str(), RTLD_NOW | RTLD_LOCAL);
@@ -95,8 +119,20 @@ Library::Library(const fs::path& file) : file_(fs::absolute(file)) {
 
 Library::~Library() {
   const CallUnderWay call("the unloading of its library");
-  if (handle_ != nullptr) dlclose(handle_);
+  if (handle_ == nullptr) return;
+  if (others_run(threads_)) {
+    abandon();
+  } else {
+    dlclose(handle_);
+  }
 }
+
+void Library::abandon() {
+  handle_ = nullptr;
+  ++abandoned;
+}
+
+int abandoned_libraries() noexcept { return abandoned; }
 
 void* Library::address(const char* name, bool required) {
   void* found = dlsym(handle_, name);

@@ -15,7 +15,8 @@ std::vector<std::string> platform_folders(Version version);
 /// FMU has.
 std::filesystem::path library_file(const std::filesystem::path& folder, Version version, const std::string& identifier);
 
-/// Loads a shared library; the destructor unloads it. RTLD_NOW reports missing symbols here and not in a step. RTLD_LOCAL keeps
+/// Loads a shared library; the destructor unloads it, unless threads that began meanwhile still run: they may be the FMU's, and
+/// their code must stay. RTLD_NOW reports missing symbols here and not in a step. RTLD_LOCAL keeps
 /// the symbols of FMUs apart. RTLD_DEEPBIND is not used: an FMU without its own C++ runtime could get another malloc than this
 /// program, and sanitizers reject it. It is not needed either, for this program exports no symbols that an FMU could bind to.
 class Library {
@@ -33,7 +34,7 @@ class Library {
   /// Throws Error with the names of all missing required functions.
   void check() const;
   /// Never unloads the library. After a fatal error no code of the FMU may run, not even its static destructors.
-  void abandon() { handle_ = nullptr; }
+  void abandon();
 
  private:
   void* address(const char* name, bool required);
@@ -41,6 +42,11 @@ class Library {
   std::filesystem::path file_;
   void* handle_ = nullptr;
   std::vector<std::string> missing_;
+  std::vector<int> threads_;  // of this process before the library was loaded
 };
+
+/// Returns the number of libraries that were not unloaded. Their destructors of static objects would run in exit(), perhaps
+/// beside their threads, so a program should then end by _exit().
+int abandoned_libraries() noexcept;
 
 }  // namespace cotwin::fmu

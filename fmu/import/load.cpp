@@ -71,6 +71,14 @@ std::shared_ptr<const ForeignFmu> open_fmu(const fs::path& path) {
   return named(path, [&] { return unpack_and_read(path); });
 }
 
+ModelDescription read_fmu_description(const fs::path& path) {
+  constexpr const char* kDescription = "modelDescription.xml";
+  std::error_code none;
+  if (fs::is_directory(path, none)) return load_model_description(path / kDescription);
+  if (!fs::exists(path, none)) throw Error(path.string(), "no such file, expected an FMU");
+  return parse_model_description(read_archive_file(path, kDescription), path.string() + "/" + kDescription);
+}
+
 Instance load(const fs::path& path, const LoadOptions& options) { return load(open_fmu(path), options); }
 
 Instance load(std::shared_ptr<const ForeignFmu> fmu, const LoadOptions& options) {

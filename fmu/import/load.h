@@ -36,6 +36,9 @@ Instance load(const std::filesystem::path& path, const LoadOptions& options = {}
 /// Unpacks the archive, or uses the folder, and reads its description. Throws Error like load().
 std::shared_ptr<const ForeignFmu> open_fmu(const std::filesystem::path& path);
 
+/// Reads the description of an archive, without unpacking it, or of an unpacked folder. Throws Error.
+ModelDescription read_fmu_description(const std::filesystem::path& path);
+
 /// Loads an opened FMU. process kOwn: in its own process (process.h), where a crash, a hang, an exit() and an exceeded limit
 /// of time or memory become an Error; kShared and kAuto: in this process.
 Instance load(std::shared_ptr<const ForeignFmu> fmu, const LoadOptions& options);

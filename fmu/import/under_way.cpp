@@ -6,15 +6,20 @@
 #include <exception>
 #include <string>
 
+#include "fmu/import/watched_calls.h"
 #include "models/foundation/support/error.h"
 
 namespace cotwin::fmu {
 
-constinit thread_local UnderWay under_way;
+constinit thread_local UnderWay own_call;
+constinit thread_local UnderWay* watched_call = nullptr;
+constinit WatchedCalls* watched_calls = nullptr;
 
 void mirror_function(const char* function) noexcept {
-  std::strncpy(under_way.mirror, function != nullptr ? function : "", UnderWay::kMirrorBytes - 1);
+  std::strncpy(under_way().mirror, function != nullptr ? function : "", UnderWay::kMirrorBytes - 1);
 }
+
+void begin_watched_call() noexcept { watched_call = watched_calls->call_of_this_thread(); }
 
 void rethrow_from(const char* function) {
   try {

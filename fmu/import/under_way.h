@@ -20,34 +20,45 @@ struct UnderWay {
   char* mirror = nullptr;  // buffer of kMirrorBytes for a copy of the function's name, or nullptr
 };
 
-/// One per thread. Plain data without a constructor, because signal handlers read it.
-extern constinit thread_local UnderWay under_way;
+/// Of this thread: its own, and one that another process reads (WatchedCalls), or nullptr. Plain data without a constructor,
+/// because signal handlers read it.
+extern constinit thread_local UnderWay own_call;
+extern constinit thread_local UnderWay* watched_call;
+inline UnderWay& under_way() noexcept { return watched_call != nullptr ? *watched_call : own_call; }
 
-/// Copies the function's name to under_way.mirror.
+/// Copies the function's name to under_way().mirror.
 void mirror_function(const char* function) noexcept;
+
+class WatchedCalls;
+extern constinit WatchedCalls* watched_calls;  // nullptr: no process watches this one
+void begin_watched_call() noexcept;            // gives this thread its place in watched_calls
 
 /// Sets FMU and simulated time of the following calls of this thread.
 inline void set_call_place(const CallPlace& place, std::int64_t ns) noexcept {
-  under_way.place = &place;
-  under_way.ns = ns;
+  if (watched_calls != nullptr && watched_call == nullptr) [[unlikely]]
+    begin_watched_call();
+  UnderWay& call = under_way();
+  call.place = &place;
+  call.ns = ns;
 }
 
 /// Marks a call into an FMU for the lifetime of this object. Calls can be nested, through callbacks of the FMU.
 class CallUnderWay {
  public:
-  explicit CallUnderWay(const char* function) noexcept : outer_(std::exchange(under_way.function, function)) {
-    if (under_way.mirror != nullptr) [[unlikely]]
+  explicit CallUnderWay(const char* function) noexcept : call_(under_way()), outer_(std::exchange(call_.function, function)) {
+    if (call_.mirror != nullptr) [[unlikely]]
       mirror_function(function);
   }
   ~CallUnderWay() {
-    under_way.function = outer_;
-    if (under_way.mirror != nullptr) [[unlikely]]
+    call_.function = outer_;
+    if (call_.mirror != nullptr) [[unlikely]]
       mirror_function(outer_);
   }
   CallUnderWay(const CallUnderWay&) = delete;
   CallUnderWay& operator=(const CallUnderWay&) = delete;
 
  private:
+  UnderWay& call_;
   const char* outer_;
 };
 

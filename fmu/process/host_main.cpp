@@ -170,7 +170,7 @@ int run() {
     std::setvbuf(stdout, nullptr, _IOLBF, BUFSIZ);  // line buffered, so that output before a crash is not lost
     watch_program();
     limit_memory(channel.header().memory_limit);
-    under_way.mirror = channel.header().function;
+    under_way().mirror = channel.header().function;
     Host(std::move(channel)).serve();
   } catch (const std::exception& error) {
     std::fprintf(stderr, "%s: %s; only cotwin starts this program\n", kHostProgram, error.what());

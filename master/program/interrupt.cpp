@@ -1,10 +1,14 @@
 #include "master/program/interrupt.h"
 
+#include <time.h>
 #include <unistd.h>
 
 #include <array>
 #include <csignal>
+#include <cstdint>
 #include <cstring>
+
+#include "master/run/crash.h"
 
 namespace cotwin::master {
 
@@ -14,10 +18,20 @@ namespace {
 
 constexpr std::array kStopSignals = {SIGINT, SIGTERM, SIGHUP, SIGXCPU};
 constexpr int kSignalled = 128;
+// `timeout` and shells send a signal to a process and again to its group, and the process that watches a run passes it on.
+constexpr std::int64_t kRepeated = 200'000'000;  // ns: signals of one kind that come within this time count once
 
 std::atomic<const char*> ending_message{nullptr};
 
-// Only async-signal-safe functions: write, _exit, atomics.
+std::array<std::atomic<std::int64_t>, NSIG> noted_at{};  // ns; 0: not yet
+
+std::int64_t now_ns() {
+  timespec time{};
+  clock_gettime(CLOCK_MONOTONIC, &time);
+  return std::int64_t{time.tv_sec} * 1'000'000'000 + time.tv_nsec;
+}
+
+// Only async-signal-safe functions: clock_gettime, write, end_now, atomics.
 
 void print(const char* text) {
   for (std::size_t left = std::strlen(text); left > 0;) {
@@ -33,7 +47,15 @@ void on_signal(int signal) {
     print("cotwin: ");
     print(name_of_signal(signal));
     print(message);
-    ::_exit(kSignalled + signal);
+    end_now(kSignalled + signal);
+  }
+  const std::int64_t now = now_ns();
+  std::int64_t first = 0;
+  if (!noted_at[static_cast<std::size_t>(signal)].compare_exchange_strong(first, now)) {
+    if (now - first < kRepeated) return;
+    std::signal(signal, SIG_DFL);
+    std::raise(signal);  // delivered when this handler returns
+    return;
   }
   int before = attention;
   while ((before & (kCheckpointDue - 1)) == 0 && !attention.compare_exchange_weak(before, before | signal)) {
@@ -47,7 +69,6 @@ void catch_signals() {
     if (before.sa_handler == SIG_IGN) continue;
     struct sigaction action = {};
     action.sa_handler = on_signal;
-    action.sa_flags = SA_RESETHAND;
     sigaction(signal, &action, nullptr);
   }
 }
@@ -75,6 +96,7 @@ void end_on_signals(const char* message) {
 }
 
 void note_signals() {
+  for (std::atomic<std::int64_t>& time : noted_at) time = 0;
   ending_message = nullptr;
   catch_signals();
 }

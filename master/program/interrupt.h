@@ -1,8 +1,8 @@
 #pragma once
 #include <atomic>
 
-/// Stop signals: Ctrl-C, SIGTERM, SIGHUP, SIGXCPU. The first one requests a clean end; a second one of the same kind ends the
-/// program at once.
+/// Stop signals: Ctrl-C, SIGTERM, SIGHUP, SIGXCPU. The first one requests a clean end; a second one of the same kind, 0.2 s
+/// later or more, ends the program at once.
 namespace cotwin::master {
 
 /// Requests to the main loop: the number of a stop signal, and kCheckpointDue. 0: none.

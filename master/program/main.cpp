@@ -1,6 +1,7 @@
 // The program `cotwin`: command line and choice of the subcommand.
 #include <algorithm>
 #include <cctype>
+#include <cstdio>
 #include <cstdlib>
 #include <iostream>
 #include <string_view>
@@ -9,6 +10,7 @@
 #include "components/unit/unit_module.h"
 #include "fmu/archive/archive.h"
 #include "fmu/archive/file_kind.h"
+#include "fmu/import/library.h"
 #include "fmu/process/process.h"
 #include "master/program/commands/commands.h"
 #include "master/program/interrupt.h"
@@ -154,6 +156,10 @@ int main(int argc, char** argv) {
   using namespace cotwin;
   master::catch_crashes(master::kExitRunFailed);
   const int code = run(argc, argv);
+  const int ended = code == master::kExitDone && fmu::unclean_ends() > 0 ? master::kExitRunFailed : code;
   master::main_ends();
-  return code == master::kExitDone && fmu::unclean_ends() > 0 ? master::kExitRunFailed : code;
+  if (fmu::abandoned_libraries() == 0) return ended;
+  std::cout.flush();
+  std::fflush(nullptr);
+  master::end_now(ended);
 }

@@ -22,6 +22,8 @@ std::filesystem::path part_of(const std::filesystem::path& file) {
   return regular ? std::filesystem::path(file.string() + ".part") : file;
 }
 
+constexpr auto kFlush = std::chrono::milliseconds(200);  // largest age of a row in memory while rows are written
+
 }  // namespace
 
 RowFile::RowFile(std::filesystem::path file)
@@ -46,6 +48,10 @@ void RowFile::write(std::string_view row) {
   }
   std::memcpy(buffer_.data() + used_, row.data(), row.size());
   used_ += row.size();
+  const auto now = std::chrono::steady_clock::now();
+  if (now < flush_due_) return;
+  flush();  // the heading at once
+  flush_due_ = now + kFlush;
 }
 
 void RowFile::flush() {

@@ -2,6 +2,7 @@
 #include <sys/types.h>
 
 #include <array>
+#include <chrono>
 #include <cstddef>
 #include <filesystem>
 #include <string_view>
@@ -30,6 +31,7 @@ class RowFile {
   int descriptor_ = -1;
   off_t size_ = 0, rows_end_ = 0;  // bytes in the file, and in whole rows
   std::size_t used_ = 0;
+  std::chrono::steady_clock::time_point flush_due_{};
   std::array<char, 1 << 16> buffer_;
   SavedOnCrash saved_;
 };

@@ -1,29 +1,35 @@
 #include "master/run/crash.h"
 
 #include <signal.h>
+#include <sys/syscall.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <array>
 #include <atomic>
 #include <charconv>
+#include <csignal>
 #include <cstdlib>
 #include <cstring>
 #include <string_view>
 #include <utility>
 
 #include "fmu/import/under_way.h"
+#include "fmu/import/watched_calls.h"
 
 namespace cotwin::master {
 
 namespace {
 
-constexpr std::array kSignals = {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT};
+constexpr std::array kCrashes = {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT};
+// Signals that end a process unless it handles them: an FMU may call alarm(). Those that the user sends to stop a run are not here.
+constexpr std::array kEnding = {SIGALRM, SIGVTALRM, SIGPROF, SIGUSR1, SIGUSR2, SIGSYS, SIGTRAP, SIGIO, SIGPWR, SIGSTKFLT};
 constexpr std::size_t kStackBytes = 64 << 10;  // for the handler: the crash may be a stack overflow
 
 std::array<std::atomic<SavedOnCrash*>, 16> saved;
-std::array<struct sigaction, kSignals.size()> before;
+std::array<struct sigaction, NSIG> before;
 std::atomic<bool> main_has_ended{false};
+std::atomic<pid_t> own_process{0};  // an FMU may fork: its child has nothing to save
 std::atomic_flag ending = ATOMIC_FLAG_INIT;
 const fmu::UnderWay* of_main_thread = nullptr;
 int exit_code = 1;
@@ -71,7 +77,7 @@ void begin_message(CrashText& text) { text << (isatty(STDERR_FILENO) != 0 ? "\nc
 
 /// The FMU call that this thread is in, otherwise that of the main thread; nullptr if there is none.
 const fmu::UnderWay* call_under_way() {
-  if (fmu::under_way.function != nullptr) return &fmu::under_way;
+  if (fmu::under_way().function != nullptr) return &fmu::under_way();
   return of_main_thread != nullptr && of_main_thread->function != nullptr ? of_main_thread : nullptr;
 }
 
@@ -111,6 +117,7 @@ struct CrashHandler {
   }
 
   static void on_signal(int number) {
+    if (getpid() != own_process) return pass_on(number);
     enter();
     const fmu::UnderWay* const call = call_under_way();
     const char* description = sigdescr_np(number);
@@ -126,15 +133,18 @@ struct CrashHandler {
     save(text);
     text << "\n";
     text.write();
-    if (call != nullptr) _exit(exit_code);
-    for (std::size_t i = 0; i < kSignals.size(); ++i) {
-      if (kSignals[i] == number) sigaction(number, &before[i], nullptr);
-    }
-    raise(number);  // delivered when this handler returns
+    note_end(fmu::WatchedCalls::End::kReported);
+    if (call != nullptr) end_now(exit_code);
+    pass_on(number);
+  }
+  /// The signal has its previous effect when the handler returns.
+  static void pass_on(int number) {
+    sigaction(number, &before[static_cast<std::size_t>(number)], nullptr);
+    raise(number);
   }
 
-  static void on_exit(int status, void*) {
-    if (main_has_ended) return;
+  static void on_exit(int status, const char* function) {
+    if (main_has_ended || getpid() != own_process) return;
     enter();
     CrashText text;
     begin_message(text);
@@ -144,11 +154,21 @@ struct CrashHandler {
     } else {
       text << "the run was ended by ";
     }
-    text << "exit(" << std::int64_t{status} << ")";
+    text << function << "(" << std::int64_t{status} << ")";
     save(text);
     text << "\n";
     text.write();
-    _exit(exit_code);
+    note_end(fmu::WatchedCalls::End::kReported);
+    end_now(exit_code);
+  }
+
+  static void note_end(fmu::WatchedCalls::End end) {
+    if (fmu::watched_calls != nullptr) fmu::watched_calls->end = end;
+  }
+  static void note_expected_end() {
+    if (fmu::watched_calls == nullptr) return;
+    auto none = fmu::WatchedCalls::End::kUnexpected;
+    fmu::watched_calls->end.compare_exchange_strong(none, fmu::WatchedCalls::End::kExpected);
   }
 };
 
@@ -160,7 +180,7 @@ SavedOnCrash::~SavedOnCrash() { CrashHandler::remove(this); }
 
 void catch_crashes(int code) {
   exit_code = code;
-  of_main_thread = &fmu::under_way;
+  process_begins();
   stack_t alternative{};
   alternative.ss_sp = stack.data();
   alternative.ss_size = stack.size();
@@ -168,12 +188,35 @@ void catch_crashes(int code) {
   struct sigaction action = {};
   action.sa_handler = CrashHandler::on_signal;
   action.sa_flags = SA_ONSTACK;
-  for (const int number : kSignals) sigaddset(&action.sa_mask, number);
-  for (std::size_t i = 0; i < kSignals.size(); ++i) sigaction(kSignals[i], &action, &before[i]);
-  ::on_exit(CrashHandler::on_exit, nullptr);
-  std::at_quick_exit([] { CrashHandler::on_exit(0, nullptr); });
+  for (const int number : kCrashes) sigaddset(&action.sa_mask, number);
+  const auto handle = [&](int number) {
+    struct sigaction& earlier = before[static_cast<std::size_t>(number)];
+    sigaction(number, &action, &earlier);
+    return earlier.sa_handler;
+  };
+  for (const int number : kCrashes) handle(number);
+  for (const int number : kEnding) {
+    if (handle(number) == SIG_IGN) std::signal(number, SIG_IGN);
+  }
+  ::on_exit([](int status, void*) { CrashHandler::on_exit(status, "exit"); }, nullptr);
+  std::at_quick_exit([] { CrashHandler::on_exit(0, "quick_exit"); });
 }
 
-void main_ends() { main_has_ended = true; }
+void process_begins() {
+  own_process = getpid();
+  of_main_thread = &fmu::under_way();
+}
+
+void exit_called(int status, const char* function) noexcept { CrashHandler::on_exit(status, function); }
+
+void end_now(int code) noexcept {
+  if (getpid() == own_process) CrashHandler::note_expected_end();
+  for (;;) syscall(SYS_exit_group, code);
+}
+
+void main_ends() {
+  main_has_ended = true;
+  CrashHandler::note_expected_end();
+}
 
 }  // namespace cotwin::master

@@ -22,11 +22,21 @@ class SavedOnCrash {
   std::string file_;
 };
 
-/// Installs handlers, in the main thread. SIGSEGV, SIGBUS, SIGFPE, SIGILL and SIGABRT inside an FMU, and exit() and
-/// quick_exit() called by an FMU, then save all SavedOnCrash, print component, FMU, function and simulated time, and end the
-/// program with `exit_code`. The same signals elsewhere also save, and then have their previous effect. _exit() cannot be
-/// caught; it needs a process of its own.
+/// Installs handlers, in the main thread. SIGSEGV, SIGBUS, SIGFPE, SIGILL and SIGABRT inside an FMU, signals such as SIGALRM that
+/// end a process unless it handles them, and exit() and quick_exit() called by an FMU, then save all SavedOnCrash, print
+/// component, FMU, function and simulated time, and end the program with `exit_code`. The same signals elsewhere also save, and
+/// then have their previous effect. In processes that an FMU forks, all of them have their usual effect.
 void catch_crashes(int exit_code);
+
+/// Call in the main thread of a process that was forked after catch_crashes() and continues the program.
+void process_begins();
+
+/// The same for _exit() and _Exit(), if the program gets to see their calls. Returns if the call is not that of an FMU in this
+/// process.
+void exit_called(int status, const char* function) noexcept;
+
+/// Ends the process at once, as _exit() does, when that is not a failure of an FMU. For signal handlers.
+[[noreturn]] void end_now(int code) noexcept;
 
 /// Call before main() returns: exit() is expected from then on.
 void main_ends();

@@ -5,9 +5,7 @@
 #include <limits>
 #include <unordered_map>
 
-#include "fmu/archive/archive.h"
 #include "fmu/description/rate.h"
-#include "fmu/description/read.h"
 #include "fmu/process/process.h"
 #include "models/foundation/formats/csv.h"
 #include "models/foundation/support/error.h"
@@ -23,14 +21,6 @@ constexpr const char* kName = "fmu";       // of the only component
 constexpr double kMaxSeconds = 9e9;        // 2^63 ns is 9.22e9 s
 constexpr double kDefaultIntervals = 500;  // number of steps if the FMU proposes no step size
 constexpr double kLeastInterval = 1e-9;    // s
-
-fmu::ModelDescription read_description(const fs::path& file) {
-  constexpr const char* kDescription = "modelDescription.xml";
-  std::error_code none;
-  if (fs::is_directory(file, none)) return fmu::load_model_description(file / kDescription);
-  if (!fs::exists(file, none)) throw Error(file.string(), "no such file, expected an FMU");
-  return fmu::parse_model_description(fmu::read_archive_file(file, kDescription), file.string() + "/" + kDescription);
-}
 
 double checked(double seconds, const std::string& what) {
   if (!(std::abs(seconds) <= kMaxSeconds))
@@ -207,11 +197,17 @@ void InputTable::apply(Time now, Duration h) const {
   }
 }
 
+fs::path output_file_of(const FmuRunOptions& options) {
+  if (!options.output_file.empty()) return options.output_file;
+  const fs::path file = options.file.filename().empty() ? options.file.parent_path() : options.file;
+  return file.stem().string() + "_out.csv";
+}
+
 FmuRun::FmuRun(const FmuRunOptions& options)
-    : options_(options), description_(read_description(options.file)), master_(scenario_of(options, description_), {}) {
-  fs::path file = options_.file;
-  if (file.filename().empty()) file = file.parent_path();
-  if (options_.output_file.empty()) options_.output_file = file.stem().string() + "_out.csv";
+    : options_(options),
+      description_(fmu::read_fmu_description(options.file)),
+      master_(scenario_of(options, description_), {}) {
+  options_.output_file = output_file_of(options_);
   std::vector<std::pair<std::string, const fmu::ModelVariable*>> chosen;
   if (options_.output_variables.empty()) {
     for (const fmu::ModelVariable& v : description_.variables) {

@@ -30,6 +30,9 @@ struct FmuRunOptions {
   std::filesystem::path output_file;                              // "": <FMU>_out.csv in the working directory
 };
 
+/// The output file: as chosen, otherwise by the name of the FMU.
+std::filesystem::path output_file_of(const FmuRunOptions& options);
+
 /// Inputs over time from a CSV. The first column is the time in seconds; the others have the names of inputs or tunable
 /// parameters. Arrays of FMI 3 are numbers separated by blanks. Before the first and after the last row the values are
 /// constant.

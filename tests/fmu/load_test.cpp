@@ -184,20 +184,20 @@ TEST_F(Load, RemovesFilesOfKilledProgramsAndNothingElse) {
     const timespec past[2] = {{0, 0}, {1'000'000'000, 0}};
     ASSERT_EQ(utimensat(AT_FDCWD, (root / name).c_str(), past, 0), 0);
   };
-  make("cotwin-dead01", true);
-  make("cotwin-live01", true);
-  make("cotwin-young1", false);
+  make("cotwin-1234-dead01", true);
+  make("cotwin-1234-live01", true);
+  make("cotwin-1234-young1", false);
   make("cotwin-somethingelse", true);
-  const int lock = open((root / "cotwin-live01").c_str(), O_RDONLY | O_DIRECTORY);
+  const int lock = open((root / "cotwin-1234-live01").c_str(), O_RDONLY | O_DIRECTORY);
   ASSERT_EQ(flock(lock, LOCK_EX | LOCK_NB), 0);
   sweep_temporary_folders();
-  EXPECT_FALSE(fs::exists(root / "cotwin-dead01"));
-  EXPECT_TRUE(fs::exists(root / "cotwin-live01"));
-  EXPECT_TRUE(fs::exists(root / "cotwin-young1"));
+  EXPECT_FALSE(fs::exists(root / "cotwin-1234-dead01"));
+  EXPECT_TRUE(fs::exists(root / "cotwin-1234-live01"));
+  EXPECT_TRUE(fs::exists(root / "cotwin-1234-young1"));
   EXPECT_TRUE(fs::exists(root / "cotwin-somethingelse"));
   EXPECT_TRUE(fs::exists(folder_.path()));
   close(lock);
-  for (const char* name : {"cotwin-live01", "cotwin-young1", "cotwin-somethingelse"}) fs::remove_all(root / name);
+  for (const char* name : {"cotwin-1234-live01", "cotwin-1234-young1", "cotwin-somethingelse"}) fs::remove_all(root / name);
 }
 
 std::size_t open_files() {

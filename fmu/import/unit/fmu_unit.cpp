@@ -5,6 +5,7 @@
 #include <cstring>
 #include <utility>
 
+#include "fmu/import/watched_calls.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
 
@@ -57,11 +58,12 @@ ForeignUnit::ForeignUnit(std::shared_ptr<const ForeignFmu> fmu, UnitOptions opti
       interface_(interface_of(fmu_->description, kind)),
       variables_(fmu_->description, variables_options(fmu_->description, kind, options_)),
       states_(interface_) {
+  if (watched_calls != nullptr) watched_calls->add(place_);
   set_call_place(place_, 0);
 }
 
 ForeignUnit::~ForeignUnit() {
-  set_call_place(place_, under_way.ns);
+  set_call_place(place_, under_way().ns);
   if (instance_) states_.clear(*instance_);
   instance_.reset();  // before its files are removed
 }
@@ -229,7 +231,7 @@ StepResult ForeignUnit::step(Time now, Duration h) {
 
 void ForeignUnit::save_memory(std::string& bytes) {
   if (!restorable() || !healthy_) return bytes.clear();
-  set_call_place(place_, under_way.ns);
+  set_call_place(place_, under_way().ns);
   ByteWriter extra;
   extra.value(static_cast<std::uint8_t>(next_event_.has_value()));
   extra.value(next_event_.value_or(0));
@@ -242,7 +244,7 @@ void ForeignUnit::save_memory(std::string& bytes) {
 }
 
 void ForeignUnit::restore_memory(const std::string& bytes) {
-  set_call_place(place_, under_way.ns);
+  set_call_place(place_, under_way().ns);
   const Time time = StateKeeper::time_of(bytes);
   if (!instance_ || is_before_commit(time)) replace();
   const std::string extra = states_.restore(*instance_, bytes);

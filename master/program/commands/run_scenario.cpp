@@ -1,4 +1,5 @@
 // A run of the program: a scenario or package with its results folder, checkpoints and page, or one FMU.
+#include <algorithm>
 #include <cerrno>
 #include <chrono>
 #include <cmath>
@@ -10,11 +11,14 @@
 #include <sstream>
 #include <thread>
 
+#include "master/engine/wiring/members.h"
 #include "master/program/browser.h"
 #include "master/program/commands/run_arguments.h"
 #include "master/program/interrupt.h"
 #include "master/program/progress_line.h"
 #include "master/program/view_server.h"
+#include "master/program/watch.h"
+#include "master/results/abandoned.h"
 #include "master/results/results_folder.h"
 #include "master/results/run_record.h"
 #include "master/results/summary.h"
@@ -309,6 +313,21 @@ RunCheckpoint resume(RunArguments& arguments, const Build& build) {
   return checkpoint;
 }
 
+/// Continues in a process that is watched if the scenario has FMUs. Returns the exit code in the watching process.
+std::optional<int> watch(const Scenario& scenario, const RunArguments& arguments, const fs::path& out) {
+  if (std::ranges::all_of(scenario.components, is_unit)) return std::nullopt;
+  WatchOptions options;
+  options.ends_children = arguments.view.empty();  // the browser stays
+  options.ended = [&out](pid_t process, const std::string& reason) {
+    const std::string why = reason.empty() ? "the files of the run could not be completed" : reason;
+    if (!close_abandoned_run(out, process, why)) return std::string();
+    const bool resumable = fs::exists(out / ResultsFolder::kCheckpoint);
+    return "; the rows up to then are in " + (out / ResultsFolder::kSignals).string() +
+           (resumable ? "; continue with: cotwin run --resume " + out.string() : "");
+  };
+  return watch_run(options);
+}
+
 }  // namespace
 
 int run_scenario(RunArguments arguments) {
@@ -322,15 +341,16 @@ int run_scenario(RunArguments arguments) {
     throw Error(
         (arguments.out / ResultsFolder::kCheckpoint).string(),
         "belongs to another scenario: " + arguments.file.string() + " or a file that it names has changed, expected the same");
+  const fs::path out = arguments.out.empty() ? fs::path("results") / file_name_of(scenario.name) : arguments.out;
+  if (const std::optional<int> code = watch(scenario, arguments, out)) return *code;
   MasterOptions options;
   options.types = units();
   options.folders = model_folders(scenario.folder);
-  options.results = arguments.out.empty() ? fs::path("results") / file_name_of(scenario.name) : arguments.out;
+  options.results = out;
   options.threads = arguments.threads;
   if (!arguments.plain) options.page = page_of(scenario, arguments, options.folders);
   std::optional<ViewServer> server = view_server(arguments, options.folders);
   if (server) options.observer = &*server;
-  const fs::path out = options.results;
   ResultsFolder results(out);
   fs::path kept;
   std::optional<RunRecord> record;
@@ -408,7 +428,12 @@ int run_scenario(RunArguments arguments) {
       summary.warnings.push_back(std::string("no history of the tools: ") + error.what());
     }
   }
-  record->close(summary, outcome);
+  try {
+    record->close(summary, outcome);
+  } catch (const Error& error) {
+    if (outcome.state == Outcome::State::kDone) throw;
+    summary.warnings.push_back(error.what());
+  }
   try {
     save_json(out / ResultsFolder::kSummary, summary, outcome);
   } catch (const Error& error) {
@@ -423,6 +448,14 @@ int run_scenario(RunArguments arguments) {
 
 int run_fmu(const RunArguments& arguments) {
   end_on_signals(" while loading; no results were written\n");
+  if (arguments.fmu.process != fmu::ProcessChoice::kOwn) {
+    const fs::path rows = output_file_of(arguments.fmu);
+    const WatchOptions watch{[&rows](pid_t, const std::string& reason) {
+      const bool kept = !reason.empty() && keep_rows(rows);
+      return kept ? "; the rows up to then are in " + rows.string() : "";
+    }};
+    if (const std::optional<int> code = watch_run(watch)) return *code;
+  }
   FmuRun run(arguments.fmu);
   const fs::path out = run.output_file();
   FileLock lock;

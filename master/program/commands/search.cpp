@@ -1,10 +1,14 @@
 // cotwin search: finds the value of a parameter at which a condition begins or ceases to hold, by bisection over runs.
+#include <algorithm>
 #include <iostream>
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "master/engine/wiring/members.h"
 #include "master/program/commands/commands.h"
 #include "master/program/interrupt.h"
+#include "master/program/watch.h"
+#include "master/scenario/scenario.h"
 #include "master/workflows/parameter_search.h"
 #include "models/foundation/support/atomic_file.h"
 #include "models/foundation/support/error.h"
@@ -112,6 +116,10 @@ void add_search(CLI::App& app, Chosen& chosen) {
       "geometric middle is tried. A run that fails ends the search with its error.");
   command->callback([all, &chosen] {
     chosen = [all] {
+      if (!std::ranges::all_of(load_scenario(all->file).components, is_unit)) {
+        const WatchOptions watch{[](pid_t, const std::string&) { return std::string(); }};
+        if (const std::optional<int> code = watch_run(watch)) return *code;
+      }
       note_signals();
       ParameterSearch search(*all, units(), hooks_of(*all));
       try {

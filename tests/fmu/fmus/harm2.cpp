@@ -5,6 +5,10 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
+#include <sys/syscall.h>
+#include <sys/time.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include <new>
@@ -36,10 +40,53 @@ void exhaust_memory(bool touch) {
   }
 }
 
+volatile int turns;
+void* run_for_ever(void*) {  // in the code of this library
+  for (;;) turns = turns + 1;
+}
+
 void do_harm(const std::string& harm) {
   if (harm == "exit") exit(0);
   if (harm == "exit-3") exit(3);
   if (harm == "_exit") _exit(0);
+  if (harm == "_Exit") _Exit(0);
+  if (harm == "exit_group") syscall(SYS_exit_group, 0);
+  if (harm == "alarm") {
+    const itimerval soon{{0, 0}, {0, 1000}};
+    setitimer(ITIMER_REAL, &soon, nullptr);
+    for (;;) pause();
+  }
+  if (harm == "file size") {  // the next row cannot be written
+    const rlimit none{0, RLIM_INFINITY};
+    setrlimit(RLIMIT_FSIZE, &none);
+  }
+  if (harm == "file size signal") {
+    const rlimit none{0, 0};
+    setrlimit(RLIMIT_FSIZE, &none);
+    signal(SIGXFSZ, SIG_DFL);
+  }
+  if (harm == "thread left") {
+    static pthread_t thread;
+    if (thread == 0) pthread_create(&thread, nullptr, run_for_ever, nullptr);
+  }
+  if (harm == "forks") {  // and its children end as children do
+    for (int way = 0; way < 3; ++way) {
+      const pid_t child = fork();
+      if (child == 0 && way == 0) exit(0);
+      if (child == 0 && way == 1) _exit(0);
+      if (child == 0) raise(SIGSEGV);
+      waitpid(child, nullptr, 0);
+    }
+  }
+  if (harm == "daemon") {
+    static bool begun;
+    if (!begun && fork() == 0) {
+      setsid();
+      if (fork() != 0) _exit(0);
+      for (;;) usleep(1000);
+    }
+    begun = true;
+  }
   if (harm == "quick_exit") quick_exit(0);
   if (harm == "abort") abort();
   if (harm == "segv") raise(SIGSEGV);

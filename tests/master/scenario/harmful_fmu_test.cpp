@@ -1,6 +1,7 @@
 // The program with FMUs that crash, exit, hang, allocate or write without end: fmu/fmus/harm2.cpp.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <signal.h>
 #include <unistd.h>
 
 #include <chrono>
@@ -8,6 +9,7 @@
 #include <fstream>
 #include <sstream>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "tests/fmu/foreign.h"
@@ -124,6 +126,96 @@ TEST_F(HarmfulFmu, EndsTheRunWithAMessageAndKeepsTheRowsInItsOwnProcess) {
     EXPECT_THAT(twin.err, AllOf(HasSubstr("pump at t = 0.5 s: harm2.fmu: "), HasSubstr("fmi2DoStep"))) << harm;
     EXPECT_EQ(whole_rows(recording()), 51u) << harm;
     fs::remove_all(folder_ / "results");
+  }
+}
+
+// These end the process in ways that it cannot handle itself: the watching process reports them and completes the results.
+TEST_F(HarmfulFmu, NeverEndsARunInSilence) {
+  for (const std::string harm : {"_exit", "_Exit", "exit_group", "kill", "alarm", "file size", "file size signal"}) {
+    const RunResult twin = program(scenario("shared", harm), harm, "fmi2DoStep");
+    EXPECT_EQ(twin.code, 1) << harm << ": " << twin.err;
+    const bool own_error = harm == "file size";  // and not in a call
+    if (!own_error) {
+      EXPECT_THAT(twin.err, AllOf(HasSubstr("'pump' at t = 0."), HasSubstr("harm2.fmu"))) << harm;
+    }
+    EXPECT_FALSE(fs::exists(folder_ / "results/plant/signals.csv.part")) << harm;
+    EXPECT_TRUE(recording().ends_with('\n')) << harm;
+    if (harm == "alarm" || (harm.starts_with("_") && !kSanitized)) {
+      EXPECT_EQ(whole_rows(recording()), 51u) << harm;
+    }
+    EXPECT_THAT(content(folder_ / "results/plant/run.json"), HasSubstr("\"state\": \"failed\"")) << harm;
+    EXPECT_FALSE(fs::exists(folder_ / "results/plant/cotwin.lock")) << harm;
+    fs::remove_all(folder_ / "results");
+
+    const RunResult ran = run_fmu("shared", harm, "fmi2DoStep");
+    EXPECT_EQ(ran.code, 1) << harm << ": " << ran.err;
+    if (!own_error) {
+      EXPECT_THAT(ran.err, AllOf(HasSubstr("'fmu' at t = 0."), HasSubstr("harm2.fmu"))) << harm;
+    }
+    EXPECT_TRUE(content(folder_ / "harm2_out.csv").ends_with('\n')) << harm;
+    fs::remove(folder_ / "harm2_out.csv");
+  }
+}
+
+TEST_F(HarmfulFmu, NeverEndsASearchInSilence) {
+  scenario("shared", "exit_group");
+  std::vector<std::string> search = words("search plant.ssd --until motion.q_d[1]>9 --vary");
+  search.emplace_back("motion.t_start=0:1");
+  const RunResult searched = program(search, "exit_group", "fmi2DoStep");
+  EXPECT_EQ(searched.code, 1) << searched.err;
+  EXPECT_THAT(searched.err, HasSubstr("component 'pump' at t = 0.5 s: harm2.fmu: fmi2DoStep: the process of the run exited"));
+}
+
+// Its code would be unmapped below it.
+TEST_F(HarmfulFmu, MayLeaveAThreadRunning) {
+  for (const std::string process : {"shared", "own"}) {
+    const RunResult twin = program(scenario(process, ""), "thread left", "fmi2DoStep");
+    EXPECT_EQ(twin.code, 0) << twin.err;
+    EXPECT_EQ(whole_rows(recording()), 101u);
+    fs::remove_all(folder_ / "results");
+    EXPECT_EQ(run_fmu(process, "thread left", "fmi2DoStep").code, 0);
+    fs::remove(folder_ / "harm2_out.csv");
+  }
+}
+
+TEST_F(HarmfulFmu, MayForkAndItsChildrenEndAsUsual) {
+  for (const std::string process : {"shared", "own"}) {
+    const RunResult twin = program(scenario(process, ""), "forks", "fmi2EnterInitializationMode");
+    EXPECT_EQ(twin.code, 0) << twin.err;
+    EXPECT_THAT(twin.err, Not(HasSubstr("harm2.fmu")));
+    EXPECT_EQ(whole_rows(recording()), 101u);
+    fs::remove_all(folder_ / "results");
+  }
+}
+
+// The watching process passes signals on, and the run does not survive it.
+TEST_F(HarmfulFmu, IsStoppedAndKilledWithTheProgram) {
+  for (const int signal : {SIGTERM, SIGKILL}) {
+    std::vector<std::string> arguments = scenario("shared", "");
+    arguments.insert(arguments.end(), {"--real-time", "--stop", "1e5"});
+    testing::Process program = testing::start_program(arguments, {.folder = folder_, .limit = std::chrono::seconds(60)});
+    const fs::path record = folder_ / "results/plant/run.json";
+    const auto state = [&] { return content(record).find("\"running\"") != std::string::npos; };
+    while (!state()) std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    std::string text = content(record);
+    const pid_t run = std::stoi(text.substr(text.find("\"process\": ") + 11));
+    EXPECT_NE(run, program.id());
+    program.signal(signal);
+    EXPECT_EQ(program.wait().code, signal == SIGTERM ? 128 + SIGTERM : -SIGKILL);
+    for (int i = 0; i < 1000 && kill(run, 0) == 0; ++i) std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    EXPECT_NE(kill(run, 0), 0);
+    if (signal == SIGTERM) {
+      EXPECT_THAT(content(record), HasSubstr("\"state\": \"stopped\""));
+    }
+    fs::remove_all(folder_ / "results");
+  }
+}
+
+TEST_F(HarmfulFmu, LeavesNoTemporaryFolderBehind) {
+  const std::size_t before = fmu::testing::temporary_folders();
+  for (const std::string harm : {"exit", "segv", "exit_group", "kill"}) {
+    EXPECT_EQ(program(scenario("shared", harm), harm, "fmi2DoStep").code, 1) << harm;
+    EXPECT_EQ(fmu::testing::temporary_folders(), before) << harm;
   }
 }
 

@@ -1,0 +1,48 @@
+#pragma once
+#include <array>
+#include <atomic>
+#include <cstdint>
+#include <string>
+
+#include "fmu/import/under_way.h"
+
+namespace cotwin::fmu {
+
+/// The calls into FMUs of a forked process, in memory that its parent reads after its end, however it ended.
+class WatchedCalls {
+ public:
+  /// Memory that is shared with processes that are forked from now on. nullptr if the system has none.
+  static WatchedCalls* make() noexcept;
+  /// In the child, before it has threads: from now on its calls are in this memory.
+  void begin() noexcept;
+
+  /// Stores the names of a place, so that the parent can read them. Places beyond kPlaces have no names there.
+  void add(const CallPlace& place) noexcept;
+  /// The memory for the calls of the calling thread; its own, which no other process sees, beyond kThreads.
+  UnderWay* call_of_this_thread() noexcept;
+
+  /// In the parent, after the end of the child: the calls under way, otherwise the last call of the main thread:
+  /// "component 'pump' at t = 0.5 s: x.fmu: fmi2DoStep". "" if no FMU was called.
+  std::string last_calls() const;
+
+  /// How the child ends: set by it.
+  enum class End : std::uint32_t { kUnexpected, kExpected, kReported };
+  std::atomic<End> end{End::kUnexpected};
+
+ private:
+  static constexpr std::size_t kThreads = 256, kPlaces = 4096, kNameBytes = 96;
+  struct Place {
+    std::atomic<const CallPlace*> place;
+    std::array<char, kNameBytes> fmu, instance;
+  };
+
+  const Place* names_of(const CallPlace* place) const;
+  std::string describe(const UnderWay& call) const;
+
+  std::atomic<std::uint32_t> places_{0};
+  std::array<std::atomic<bool>, kThreads> taken_{};  // of calls_
+  std::array<UnderWay, kThreads> calls_{};           // the first is that of the main thread
+  std::array<Place, kPlaces> names_{};
+};
+
+}  // namespace cotwin::fmu
