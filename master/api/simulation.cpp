@@ -2,6 +2,9 @@
 #include <cmath>
 
 #include "components/unit/unit_module.h"
+#include "fmu/description/rate.h"
+#include "fmu/import/load.h"
+#include "fmu/process/process.h"
 #include "master/api/cotwin.h"
 #include "master/api/program_units.h"
 #include "master/results/results_folder.h"
@@ -15,6 +18,21 @@ namespace {
 
 namespace fs = std::filesystem;
 
+/// Gives FMUs of other tools a process of their own, unless the scenario chooses, so that they cannot end the calling program.
+void isolate_foreign_fmus(master::Scenario& scenario) {
+  if (fmu::host_program().empty()) return;
+  for (master::ComponentSpec& spec : scenario.components) {
+    if (master::is_unit(spec) || spec.process != fmu::ProcessChoice::kAuto) continue;
+    const master::FmuSource source = master::fmu_source(spec, scenario);
+    if (source.options.process != fmu::ProcessChoice::kAuto) continue;
+    try {
+      if (fmu::read_fmu_description(source.path).generation_tool == fmu::kGenerationTool) continue;
+    } catch (const Error&) {  // the same error comes again, with its place, when the component is loaded
+    }
+    spec.process = fmu::ProcessChoice::kOwn;
+  }
+}
+
 /// The scenario with the changes of the options.
 master::Scenario changed(master::Scenario scenario, const SimulationOptions& options, std::span<const UnitType> types) {
   for (const std::string& assignment : options.set) master::assign(scenario, assignment, types);
@@ -24,6 +42,7 @@ master::Scenario changed(master::Scenario scenario, const SimulationOptions& opt
     scenario.stop = Time::from_seconds(*options.stop);
   }
   keep_on_the_loops_thread(options.program_units, scenario);
+  isolate_foreign_fmus(scenario);
   return scenario;
 }
 

@@ -4,6 +4,8 @@ import subprocess
 import threading
 import unittest
 import warnings
+import zipfile
+from pathlib import Path
 
 import numpy as np
 
@@ -207,6 +209,38 @@ class Threads(Case):
         self.assertEqual(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), 0)
         simulation.run()
         self.assertEqual(cotwin.Recording.load(self.folder).time[-1], 0.2)
+
+    def test_an_fmu_of_another_tool_cannot_end_the_interpreter(self):
+        with zipfile.ZipFile(self.folder / "harm2.fmu", "w") as archive:
+            archive.write(SOURCE / "tests/fmu/fmus/harm2.xml", "modelDescription.xml")
+            archive.write(Path(os.environ["COTWIN_FOREIGN"]) / "harm2.so", "binaries/linux64/harm.so")
+        (self.folder / "plant.ssd").write_text(PLANT)
+        self.addCleanup(os.environ.pop, "COTWIN_HARM")
+        self.addCleanup(os.environ.pop, "COTWIN_HARM_AT")
+        os.environ["COTWIN_HARM_AT"] = "fmi2DoStep"
+        for harm, end in ("_exit", "exited with status 0"), ("kill", "was killed by signal 9"):
+            os.environ["COTWIN_HARM"] = harm
+            simulation = cotwin.Simulation(self.folder / "plant.ssd", results=self.folder / "results")
+            with self.assertError("pump at t = 0.5 s: harm2.fmu: ", end, "in fmi2DoStep"):
+                simulation.run()
+            self.assertEqual(len(cotwin.Recording.load(self.folder / "results").time), 51)
+
+
+PLANT = """<?xml version="1.0" encoding="UTF-8"?>
+<ssd:SystemStructureDescription version="1.0" name="plant"
+    xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription">
+  <ssd:System name="plant">
+    <ssd:Elements>
+      <ssd:Component name="pump" source="harm2.fmu" type="application/x-fmu-sharedlibrary"/>
+    </ssd:Elements>
+  </ssd:System>
+  <ssd:DefaultExperiment startTime="0" stopTime="1">
+    <ssd:Annotations><ssc:Annotation xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon" type="cotwin.master">
+      <cotwin:Master xmlns:cotwin="urn:cotwin:master:1" tick="0.01"/>
+    </ssc:Annotation></ssd:Annotations>
+  </ssd:DefaultExperiment>
+</ssd:SystemStructureDescription>
+"""
 
 
 if __name__ == "__main__":
