@@ -301,6 +301,13 @@ TemporaryFolder& TemporaryFolder::operator=(TemporaryFolder&& other) noexcept {
 
 namespace {
 
+/// "cotwin-4711-AbCdEf"
+bool is_temporary_folder(std::string_view name) {
+  if (!name.starts_with(kFolderPrefix)) return false;
+  const std::size_t end = std::min(name.find_first_not_of("0123456789", kFolderPrefix.size()), name.size());
+  return end > kFolderPrefix.size() && name.size() == end + 7 && name[end] == '-';
+}
+
 /// Removes the temporary folders of this user that no process has locked, last changed before `before`, and whose names begin as
 /// given.
 void remove_unlocked(const std::string& prefix, time_t before) {
@@ -308,8 +315,7 @@ void remove_unlocked(const std::string& prefix, time_t before) {
   for (const auto& entry : fs::directory_iterator(fs::temp_directory_path(none), none)) {
     const std::string name = entry.path().filename().string();
     if (!name.starts_with(prefix)) continue;
-    const std::size_t digits = std::min(name.find_first_not_of("0123456789", kFolderPrefix.size()), name.size());
-    if (digits == kFolderPrefix.size() || name.size() != digits + 7 || name[digits] != '-') continue;
+    if (!is_temporary_folder(name)) continue;
     const int folder = ::open(entry.path().c_str(), O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
     if (folder < 0) continue;
     struct stat status {};

@@ -17,7 +17,7 @@ namespace cotwin::fmu {
 inline constexpr int kMemoryDescriptor = 3;    // the shared memory
 inline constexpr int kLifelineDescriptor = 4;  // a pipe without data; it is closed when the program ends
 inline constexpr const char* kHostProgram = "cotwin-fmu-host";
-inline constexpr std::uint64_t kChannelVersion = 0x3130656c49575443u;  // both programs must be of the same build
+inline constexpr std::uint64_t kChannelVersion = 0x3230656c49575443u;  // both programs must be of the same build
 
 // Calls up to kExit have a longer time limit.
 enum class Verb : std::uint32_t { kMake, kInitialise, kEnter, kUpdate, kExit, kStep, kSave, kRestore, kTell, kEnd };
@@ -29,6 +29,7 @@ struct ChannelHeader {
   std::uint64_t version = kChannelVersion;
   std::uint64_t number_bytes = 0;             // size of the values; checked by kMake
   std::uint64_t memory_limit = 0;             // of the process, bytes
+  std::atomic<std::int32_t> served{0};        // the process with the FMU; a child of the started one
   std::atomic<std::uint32_t> asked{0};        // number of calls so far; a futex
   std::atomic<std::uint32_t> host_sleeps{0};  // 1: the host waits on the futex
   std::uint32_t may_spin = 0;                 // 1: a core is free for spinning

@@ -1,15 +1,20 @@
-// The program cotwin-fmu-host: runs one FMU for the program that started it (process.h).
+// The program cotwin-fmu-host: runs one FMU for the program that started it (process.h). It is two processes: one with the FMU, and
+// one that ends what the FMU has started.
 #include <poll.h>
 #include <signal.h>
+#include <sys/prctl.h>
 #include <sys/resource.h>
+#include <sys/syscall.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
+#include <array>
 #include <cerrno>
 #include <cstdio>
 #include <cstring>
 #include <filesystem>
+#include <fstream>
 #include <memory>
-#include <thread>
 
 #include "fmu/import/package.h"
 #include "fmu/import/unit/fmu_unit.h"
@@ -142,17 +147,6 @@ void Host::answer() {
   }
 }
 
-/// Starts a thread that kills this process, and processes that the FMU started, as soon as the program has ended.
-void watch_program() {
-  std::thread([] {
-    pollfd program{kLifelineDescriptor, POLLIN, 0};
-    while (poll(&program, 1, -1) < 0 && errno == EINTR) {
-    }
-    if (getpgrp() == getpid()) kill(0, SIGKILL);
-    _exit(1);
-  }).detach();
-}
-
 /// Makes allocations above the limit fail. Not with a sanitizer, which reserves more memory for itself; then only the program's
 /// check of the resident memory applies.
 void limit_memory([[maybe_unused]] std::uint64_t bytes) {
@@ -163,15 +157,61 @@ void limit_memory([[maybe_unused]] std::uint64_t bytes) {
 #endif
 }
 
+[[noreturn]] void serve(Channel channel) {
+  prctl(PR_SET_PDEATHSIG, SIGKILL);
+  std::setvbuf(stdout, nullptr, _IOLBF, BUFSIZ);  // line buffered, so that output before a crash is not lost
+  limit_memory(channel.header().memory_limit);
+  own_call.mirror = channel.header().function;
+  Host(std::move(channel)).serve();
+}
+
+/// Kills the children of this process, and theirs, which then become its own.
+void kill_children() {
+  const std::string list = "/proc/self/task/" + std::to_string(getpid()) + "/children";
+  for (;;) {
+    std::ifstream children(list);
+    pid_t child = 0;
+    if (!(children >> child)) return;
+    do {
+      kill(child, SIGKILL);
+    } while (children >> child);
+    while (waitpid(-1, nullptr, 0) > 0 || errno == EINTR) {
+    }
+  }
+}
+
+/// Waits for the end of the process with the FMU, and kills it as soon as the program has ended. Then ends all processes that the
+/// FMU has started, wherever they have moved, and ends like its process.
+[[noreturn]] void supervise(pid_t served) {
+  const int ended = static_cast<int>(syscall(SYS_pidfd_open, served, 0));
+  const int patience = ended < 0 ? 20 : -1;  // ms: without such descriptors the process is asked
+  std::array<pollfd, 2> events{{{kLifelineDescriptor, POLLIN, 0}, {ended, POLLIN, 0}}};
+  int status = 0;
+  for (pid_t one = 0; one != served; one = waitpid(served, &status, WNOHANG)) {
+    if (one < 0 && errno != EINTR) _exit(1);
+    if (poll(events.data(), events.size(), patience) <= 0 || events[0].revents == 0) continue;
+    kill(served, SIGKILL);
+    events[0].fd = -1;
+  }
+  kill_children();
+  if (WIFEXITED(status)) _exit(WEXITSTATUS(status));
+  const rlimit none{0, 0};
+  setrlimit(RLIMIT_CORE, &none);  // its process has written one if that is wanted
+  signal(WTERMSIG(status), SIG_DFL);
+  raise(WTERMSIG(status));
+  _exit(1);
+}
+
 int run() {
   try {
     Channel channel = Channel::open(kMemoryDescriptor);
     close_range(static_cast<unsigned>(kLifelineDescriptor) + 1, ~0u, 0);
-    std::setvbuf(stdout, nullptr, _IOLBF, BUFSIZ);  // line buffered, so that output before a crash is not lost
-    watch_program();
-    limit_memory(channel.header().memory_limit);
-    under_way().mirror = channel.header().function;
-    Host(std::move(channel)).serve();
+    prctl(PR_SET_CHILD_SUBREAPER, 1);
+    const pid_t served = fork();
+    if (served == 0) serve(std::move(channel));
+    if (served < 0) throw Error("cannot start a process for the FMU");
+    channel.header().served = served;
+    supervise(served);
   } catch (const std::exception& error) {
     std::fprintf(stderr, "%s: %s; only cotwin starts this program\n", kHostProgram, error.what());
     return 2;

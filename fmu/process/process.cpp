@@ -37,7 +37,8 @@ constexpr std::uint32_t kCallsBetweenChecks = 256;          // of memory and out
 constexpr double kStartFactor = 10;                         // factor on the time limit for instantiation and initialisation
 constexpr double kNearlyAll = 0.8;       // of the memory limit: above it a crash is reported as probably out of memory
 constexpr std::size_t kTailBytes = 400;  // of the output, for messages
-constexpr int kFirstDescriptor = 10;     // in this program; the descriptors of the started process are below
+constexpr auto kMostToEnd = std::chrono::seconds(5);  // until a process that does not end when asked is killed
+constexpr int kFirstDescriptor = 10;                  // in this program; the descriptors of the started process are below
 constexpr int kPipeBytes = 1 << 20;
 
 std::atomic<int> processes{0}, ends_unclean{0};
@@ -159,7 +160,6 @@ void HostProcess::start() {
   close(shared);
   lifeline_ = std::exchange(lifeline.write, -1);
   output_ = std::exchange(output.read, -1);
-  statistics_ = ::open(("/proc/" + std::to_string(child_) + "/statm").c_str(), O_RDONLY | O_CLOEXEC);
   ++processes;
 }
 
@@ -183,9 +183,14 @@ HostProcess::~HostProcess() {
     }
   }
   kill();
-  for (const int descriptor : {lifeline_, output_, statistics_}) {
+  close_lifeline();
+  for (const int descriptor : {output_, statistics_}) {
     if (descriptor >= 0) close(descriptor);
   }
+}
+
+void HostProcess::close_lifeline() noexcept {
+  if (lifeline_ >= 0) close(std::exchange(lifeline_, -1));
 }
 
 void HostProcess::call(Verb verb) {
@@ -238,7 +243,9 @@ void HostProcess::check_memory() {
 }
 
 /// Returns the resident memory in bytes, without files and without the channel.
-double HostProcess::memory_used() const {
+double HostProcess::memory_used() {
+  if (const int served = channel_.header().served; statistics_ < 0 && served > 0)
+    statistics_ = ::open(("/proc/" + std::to_string(served) + "/statm").c_str(), O_RDONLY | O_CLOEXEC);
   std::array<char, 128> text{};
   if (statistics_ < 0 || pread(statistics_, text.data(), text.size() - 1, 0) <= 0) return 0;
   static const auto page = static_cast<double>(sysconf(_SC_PAGESIZE));
@@ -316,12 +323,18 @@ void HostProcess::fail(const std::string& how) {
   throw Error("the FMU's own process " + how + last_output());
 }
 
-/// Kills the process and the processes that it has started.
+/// Kills the process with the FMU. The process that it is a child of then ends those that the FMU has started, and itself.
 void HostProcess::kill() noexcept {
   if (child_ <= 0) return;
-  ::kill(-child_, SIGKILL);
-  ::kill(child_, SIGKILL);
-  while (waitpid(child_, nullptr, 0) < 0 && errno == EINTR) {
+  close_lifeline();
+  const Clock::time_point begin = Clock::now();
+  pid_t ended = 0;
+  while ((ended = waitpid(child_, nullptr, WNOHANG)) == 0 || (ended < 0 && errno == EINTR)) {
+    if (Clock::now() - begin > kMostToEnd) {  // suspended by the FMU
+      ::kill(-child_, SIGKILL);
+      ::kill(child_, SIGKILL);
+    }
+    std::this_thread::sleep_for(std::chrono::microseconds(200));
   }
   child_ = -1;
   --processes;

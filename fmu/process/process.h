@@ -24,7 +24,7 @@ std::filesystem::path host_program();
 int unclean_ends();
 
 /// The process of one FMU. posix_spawn starts it, so other threads may run at that time. It inherits only the channel. It ends
-/// when this program ends or is killed. The first kShownBytes of the FMU's stdout and stderr are copied to stderr.
+/// when this program ends or is killed, and with it all processes that the FMU has started. The first kShownBytes of the FMU's stdout and stderr are copied to stderr.
 class HostProcess {
  public:
   static constexpr std::size_t kShownBytes = 64 << 10;
@@ -50,7 +50,8 @@ class HostProcess {
   void start();
   void wait_for_answer(double seconds);
   void check_memory();
-  double memory_used() const;
+  double memory_used();
+  void close_lifeline() noexcept;
   bool ended(std::string& how);
   void kill() noexcept;
   [[noreturn]] void fail(const std::string& how);
@@ -65,7 +66,7 @@ class HostProcess {
   int child_ = -1;       // process
   int lifeline_ = -1;    // write end of a pipe without data (kLifelineDescriptor)
   int output_ = -1;      // read end of the FMU's stdout and stderr
-  int statistics_ = -1;  // /proc/<child>/statm
+  int statistics_ = -1;  // /proc/<process with the FMU>/statm
   std::uint64_t written_ = 0;
   bool cut_ = false;
   std::string tail_;  // the last kTailBytes of the output

@@ -50,6 +50,22 @@ std::size_t open_files() {
 
 bool has_children() { return waitpid(-1, nullptr, WNOHANG) != -1; }
 
+/// The number of processes, in whatever group or session, that have loaded an FMU of this test, without this process.
+std::size_t processes_with_fmus() {
+  std::size_t n = 0;
+  for (const auto& entry : std::filesystem::directory_iterator("/proc")) {
+    const std::string name = entry.path().filename().string();
+    if (name.find_first_not_of("0123456789") != std::string::npos || name == std::to_string(getpid())) continue;
+    std::ifstream maps(entry.path() / "maps");
+    for (std::string line; std::getline(maps, line);) {
+      if (line.find(private_temporaries.path().string()) == std::string::npos) continue;
+      ++n;
+      break;
+    }
+  }
+  return n;
+}
+
 constexpr const char* kPosition = "der(position of \"it\").y";
 
 TEST_F(OwnProcess, GivesTheSameBitsAsInThisOne) {
@@ -160,18 +176,7 @@ TEST_F(OwnProcess, EndsWithItsParent) {
   EXPECT_TRUE(WIFSIGNALED(status));
   std::size_t left = 1;
   for (int i = 0; i < 100 && left > 0; ++i) {  // the child notices it after some time
-    left = 0;
-    for (const auto& entry : std::filesystem::directory_iterator("/proc")) {
-      const std::string name = entry.path().filename().string();
-      if (name.find_first_not_of("0123456789") != std::string::npos) continue;
-      std::ifstream maps(entry.path() / "maps");
-      for (std::string line; std::getline(maps, line);) {
-        if (line.find(private_temporaries.path().string()) != std::string::npos) {
-          ++left;
-          break;
-        }
-      }
-    }
+    left = processes_with_fmus();
     std::this_thread::sleep_for(std::chrono::milliseconds(20));
   }
   EXPECT_EQ(left, 0u);
@@ -311,6 +316,25 @@ TEST_F(HarmfulFmu, CrashingWhileItIsFreedIsReported) {
                 ::testing::AllOf(HasSubstr("cotwin: fmu (harm2.fmu): the FMU's own process"), HasSubstr(message)))
         << what;
     EXPECT_EQ(unclean_ends(), before + 1) << what;
+    EXPECT_FALSE(has_children());
+  }
+}
+
+// Also those that have left its process group.
+TEST_F(HarmfulFmu, EndsWithAllProcessesThatItHasStarted) {
+  for (const std::string harm : {"daemon", "daemon and exit", "child"}) {
+    choose({harm.c_str(), "fmi2DoStep", ""});
+    {
+      Instance instance = load_harm(0.5);
+      instance.unit->initialise({});
+      if (harm == "daemon") {
+        EXPECT_EQ(run(instance, 0, 1, 0.1), StepResult::kDone);
+        while (processes_with_fmus() != 2) std::this_thread::sleep_for(std::chrono::milliseconds(2));  // it is being started
+      } else {
+        EXPECT_THROW((void)run(instance, 0, 1, 0.1), Error);
+      }
+    }
+    EXPECT_EQ(processes_with_fmus(), 0u) << harm;
     EXPECT_FALSE(has_children());
   }
 }

@@ -78,7 +78,11 @@ void do_harm(const std::string& harm) {
       waitpid(child, nullptr, 0);
     }
   }
-  if (harm == "daemon") {
+  if (harm == "heap") {  // writes beyond a block
+    volatile char* const block = static_cast<char*>(malloc(24));
+    for (int i = 0; i < 4000; ++i) block[i] = 'x';
+  }
+  if (harm == "daemon" || harm == "daemon and exit") {
     static bool begun;
     if (!begun && fork() == 0) {
       setsid();
@@ -86,6 +90,10 @@ void do_harm(const std::string& harm) {
       for (;;) usleep(1000);
     }
     begun = true;
+    if (harm == "daemon and exit") {
+      usleep(20000);
+      _exit(3);
+    }
   }
   if (harm == "quick_exit") quick_exit(0);
   if (harm == "abort") abort();
