@@ -21,13 +21,15 @@ class WatchedCalls {
   /// The memory for the calls of the calling thread; its own, which no other process sees, beyond kThreads.
   UnderWay* call_of_this_thread() noexcept;
 
-  /// In the parent, after the end of the child: the calls under way, otherwise the last call of the main thread:
-  /// "component 'pump' at t = 0.5 s: x.fmu: fmi2DoStep". "" if no FMU was called.
+  /// In the parent: the calls under way, otherwise the last call of the main thread:
+  /// "component 'pump' at t = 0.5 s: x.fmu: fmi2DoStep". "" if no FMU was called. May also be called before the end.
   std::string last_calls() const;
 
   /// How the child ends: set by it.
   enum class End : std::uint32_t { kUnexpected, kExpected, kReported };
   std::atomic<End> end{End::kUnexpected};
+  /// Nothing was written yet: the parent may kill the child. Set by the child.
+  std::atomic<bool> initialising{true};
 
  private:
   static constexpr std::size_t kThreads = 256, kPlaces = 4096, kNameBytes = 96;

@@ -7,16 +7,19 @@
 #endif
 
 #include <cmath>
+#include <cstdlib>
 
 #include "fmu/import/foreign.h"
 #include "models/foundation/support/error.h"
 #include "tests/fmu/foreign.h"
 #include "tests/support/allocations.h"
+#include "tests/support/error_of.h"
 
 namespace cotwin::fmu {
 namespace {
 
 using namespace testing;
+using cotwin::testing::error_of;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::Not;
@@ -522,13 +525,39 @@ TEST_F(Import, CarriesBinariesAsHexadecimalDigitsAndLargeIntegersAsReals) {
   EXPECT_EQ(instance.variables.at("echo").strings()[0], "00ff7e");
   EXPECT_EQ(real(instance, "big_out"), 9007199254740992.0);
   EXPECT_EQ(real(instance, "twice"), static_cast<double>(2 * 0.1f));
-  real(instance, "big") = 1e30;
+  real(instance, "big") = -9223372036854775808.0;
   instance.variables.at("bytes").strings()[0] = "";
   EXPECT_EQ(step(instance, 0, 0.01), StepResult::kDone);
-  EXPECT_EQ(real(instance, "big_out"), 9223372036854775807.0);
+  EXPECT_EQ(real(instance, "big_out"), -9223372036854775808.0);
   EXPECT_EQ(instance.variables.at("echo").strings()[0], "");
   instance.variables.at("bytes").strings()[0] = "0g";
   EXPECT_THAT([&] { (void)step(instance, 0.01, 0.01); }, ThrowsMessage<Error>(HasSubstr("hexadecimal")));
+}
+
+TEST_F(Import, RefusesIntegersThatRealsDoNotHave) {
+  for (const auto& [start, exact] : {std::pair{"9007199254740993", false},
+                                     {"-9007199254740993", false},
+                                     {"9007199254740994", true},
+                                     {"9223372036854775807", false},
+                                     {"-9223372036854775808", true}}) {
+    setenv("COTWIN_BIG", start, 1);
+    Instance instance = load3();
+    instance.unit->initialise({});
+    const std::string message = error_of([&] { (void)step(instance, 0, 0.01); });
+    if (exact) {
+      EXPECT_EQ(message, "");
+      EXPECT_EQ(real(instance, "big_out"), std::strtod(start, nullptr));
+    } else {
+      EXPECT_THAT(message, HasSubstr(std::string("'big_out': ") + start + " cannot be recorded exactly"));
+    }
+  }
+  unsetenv("COTWIN_BIG");
+  for (const double value : {1e30, 9223372036854775808.0, std::nan("")}) {
+    Instance instance = load3();
+    instance.unit->initialise({});
+    real(instance, "big") = value;
+    EXPECT_THAT(error_of([&] { (void)step(instance, 0, 0.01); }), HasSubstr("expected a number that Int64 has"));
+  }
 }
 
 TEST_F(Import, RefusesAnFmuThatDoesNotAdvanceOrPassesTheEndOfItsStep) {

@@ -1,5 +1,6 @@
 // Exchange of the values of ForeignVariables with the FMU through the C interfaces.
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <cstring>
 #include <limits>
@@ -9,6 +10,7 @@
 #include "fmu/description/hex.h"
 #include "fmu/import/unit/variables.h"
 #include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::fmu {
 
@@ -37,6 +39,22 @@ T nearest(From value) {
   }
 }
 
+/// Whether double has the number.
+template <class T>
+bool is_exact(T value) {
+  if constexpr (sizeof(T) < 8) return true;
+  const std::uint64_t magnitude =
+      value < T{0} ? std::uint64_t{0} - static_cast<std::uint64_t>(value) : static_cast<std::uint64_t>(value);
+  return std::bit_width(magnitude) - (magnitude == 0 ? 0 : std::countr_zero(magnitude)) <= std::numeric_limits<double>::digits;
+}
+
+/// Whether the number that is nearest to `value` is of type T.
+template <class T>
+bool is_in_range(double value) {
+  return value == value && std::nearbyint(value) < std::ldexp(1.0, std::numeric_limits<T>::digits) &&
+         std::nearbyint(value) >= static_cast<double>(std::numeric_limits<T>::min());
+}
+
 template <class T>
 bool same(std::span<const T> a, std::span<const T> b) {
   if constexpr (std::is_same_v<T, std::string>) {
@@ -52,6 +70,15 @@ bool intersects(std::span<const std::uint32_t> a, std::span<const std::uint32_t>
 }
 
 }  // namespace
+
+std::string ForeignVariables::name_of(const Group& group, std::size_t element) const {
+  const std::size_t at = group.first + element;
+  for (const Item& item : items_) {
+    if (item.kind != group.kind || at < item.first || at >= item.first + item.size) continue;
+    return "'" + item.name + "'" + (item.size > 1 ? "[" + std::to_string(at - item.first + 1) + "]" : "");
+  }
+  return "variable with value reference " + std::to_string(group.references[std::min(element, group.references.size() - 1)]);
+}
 
 void* ForeignVariables::wire_of(Group& group) {
   void* wire = nullptr;
@@ -91,7 +118,13 @@ void* ForeignVariables::to_wire(Group& group) {
     auto* out = static_cast<Wire*>(wire);
     for (std::size_t i = 0; i < group.size; ++i) {
       if constexpr (std::is_floating_point_v<std::remove_cvref_t<decltype(*values)>>) {
-        out[i] = nearest<Wire>(group.factors.empty() ? values[i] : (values[i] - group.offsets[i]) / group.factors[i]);
+        const double value = group.factors.empty() ? values[i] : (values[i] - group.offsets[i]) / group.factors[i];
+        if constexpr (std::is_integral_v<Wire> && sizeof(Wire) == 8) {
+          if (!is_in_range<Wire>(value)) [[unlikely]]
+            throw Error(name_of(group, i), text::to_text(value) + ", expected a number that " +
+                                               (std::is_signed_v<Wire> ? "Int64" : "UInt64") + " has");
+        }
+        out[i] = nearest<Wire>(value);
       } else {
         out[i] = nearest<Wire>(values[i]);
       }
@@ -121,15 +154,20 @@ void ForeignVariables::from_wire(Group& group) {
     const auto* in = static_cast<const Wire*>(wire);
     for (std::size_t i = 0; i < group.size; ++i) {
       if constexpr (std::is_same_v<T, double>) {
+        if constexpr (std::is_integral_v<Wire>) {
+          if (!is_exact(in[i])) [[unlikely]]
+            throw Error(name_of(group, i),
+                        std::to_string(in[i]) +
+                            " cannot be recorded exactly, expected an integer up to 2^53 in magnitude or one with as "
+                            "many bits; locals=false leaves local variables out");
+        }
         const auto value = static_cast<double>(in[i]);
         values[i] = group.factors.empty() ? value : group.factors[i] * value + group.offsets[i];
       } else if constexpr (std::is_same_v<T, bool>) {
         values[i] = in[i] != 0;
       } else {
         if (in[i] < std::numeric_limits<std::int32_t>::min() || in[i] > std::numeric_limits<std::int32_t>::max()) {
-          throw Error(
-              "variable with value reference " + std::to_string(group.references[std::min(i, group.references.size() - 1)]),
-              std::to_string(in[i]) + ", expected a signed 32-bit integer");
+          throw Error(name_of(group, i), std::to_string(in[i]) + ", expected a signed 32-bit integer");
         }
         values[i] = static_cast<std::int32_t>(in[i]);
       }

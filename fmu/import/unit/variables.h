@@ -49,7 +49,7 @@ struct ForeignVariablesOptions {
 /// structural parameter → parameter (a UInt64 one has its value as its range, because it can be the size of arrays); clock →
 /// boolean, if requested. The independent variable is omitted.
 /// Kinds: floats → real; Int8 … Int32, UInt8, UInt16, enumerations → integer; Int64, UInt32, UInt64 →
-/// real, exact up to 2^53 and clamped to the type's range when set; booleans; strings; binaries → string of hexadecimal digits,
+/// real, where 64-bit values that double does not have are an Error; other integers are clamped to the type's range when set; booleans; strings; binaries → string of hexadecimal digits,
 /// as in modelDescription.xml. Arrays are vectors, row by row. In FMI 2, similar scalars q[1] … q[n] become the vector q. Units
 /// of measure: values are converted to SI by the FMU's definition of the unit, else by the unit's name. Values with an unknown
 /// unit are not converted and have no unit.
@@ -198,6 +198,7 @@ class ForeignVariables {
   void with_wire(Type type, Call call);
   void* to_wire(Group& group);
   void from_wire(Group& group);
+  std::string name_of(const Group& group, std::size_t element) const;
   void* wire_of(Group& group);
   bool send_rate_inputs(ForeignInstance& instance);
   void set(ForeignInstance& instance, Group& group);

@@ -1,7 +1,8 @@
 /* An FMU for Co-Simulation (FMI 3.0) with arrays, binaries, event mode, early return and intermediate update.
  *   x' = u for n elements, integrated by the midpoint rule with `u` from the intermediate update; y = x, or -x if `mirrored`
  * Every 0.3 s there is an event, which `events` counts; `d` may change only in event mode; `echo` returns `bytes` and their
- * number. The callbacks get the environment that COTWIN_STRAY names ("null", "1", "2"), otherwise the right one. */
+ * number. The callbacks get the environment that COTWIN_STRAY names ("null", "1", "2"), otherwise the right one.
+ * After the start `big_out` is the number in COTWIN_BIG, if there is one, otherwise `big`. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -202,7 +203,8 @@ fmi3Status fmi3SetInt32(fmi3Instance c, const fmi3ValueReference r[], size_t n, 
 }
 fmi3Status fmi3GetInt64(fmi3Instance c, const fmi3ValueReference r[], size_t n, int64_t v[], size_t nv) {
   (void)r, (void)nv;
-  for (size_t k = 0; k < n; ++k) v[k] = ((Instance*)c)->m.big;
+  const char* big = ((Instance*)c)->m.time > 0 ? getenv("COTWIN_BIG") : NULL;
+  for (size_t k = 0; k < n; ++k) v[k] = big != NULL ? strtoll(big, NULL, 10) : ((Instance*)c)->m.big;
   return fmi3OK;
 }
 fmi3Status fmi3SetInt64(fmi3Instance c, const fmi3ValueReference r[], size_t n, const int64_t v[], size_t nv) {
