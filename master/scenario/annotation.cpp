@@ -275,6 +275,8 @@ void reject_elsewhere(const xml::Element& element, const std::vector<const xml::
 
 }  // namespace
 
+Duration read_duration(const xml::Element& e, const char* name, double min) { return Duration{nanoseconds(e, name, min)}; }
+
 EventSpec read_change(const xml::Element& e, const Scenario& scenario, const ComponentIndex& index) {
   xml::check_attributes(e, {"time", "variable", "value", "ramp"});
   const Duration ramp{xml::find(e, "ramp") != nullptr ? nanoseconds(e, "ramp", 0) : 0};

@@ -8,6 +8,9 @@ namespace cotwin::master {
 constexpr const char* kAnnotationType = "cotwin.master";
 constexpr const char* kAnnotationSpace = "urn:cotwin:master:1";
 
+/// Reads an attribute that is a duration in s, at least `min`. Throws Error also if it is not a whole number of nanoseconds.
+Duration read_duration(const xml::Element& e, const char* name, double min);
+
 /// Returns the cotwin:Master element of an SSD, or nullptr. It is in an ssc:Annotation of the type above, at the document's
 /// root, at its root system or in its DefaultExperiment. Throws Error for a second one and for one in another place.
 const xml::Element* find_annotation(const xml::Element& document);

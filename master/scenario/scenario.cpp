@@ -42,6 +42,26 @@ void read_experiment(const xml::Element& document, const xml::Complaint& complai
   scenario.stop = Time::from_seconds(stop);
 }
 
+/// Reads the step of the fixed-step master in the annotations of the Open Simulation Platform, which has changed their names over time.
+void read_osp_step(const xml::Element& document, Scenario& scenario) {
+  for (const xml::Element* holder :
+       {&document, xml::child(document, ssp::kSsd, "System"), xml::child(document, ssp::kSsd, "DefaultExperiment")}) {
+    const xml::Element* list = holder != nullptr ? xml::child(*holder, ssp::kSsd, "Annotations") : nullptr;
+    if (list == nullptr) continue;
+    for (const xml::Element& annotation : list->children) {
+      const std::string type = xml::text(annotation, "type", "");
+      if (type != "com.opensimulationplatform" && type != "org.open-simulation-platform") continue;
+      for (const xml::Element& outer : annotation.children) {
+        for (const xml::Element& algorithm : outer.children) {
+          if (algorithm.name != "FixedStepAlgorithm" && algorithm.name != "FixedStepMaster") continue;
+          const char* const name = xml::find(algorithm, "baseStepSize") != nullptr ? "baseStepSize" : "stepSize";
+          scenario.tick = read_duration(algorithm, name, 1e-9);
+        }
+      }
+    }
+  }
+}
+
 /// Collects the elements with annotations of nested documents, outer ones first.
 void collect_nested(const ssp::Element& element, std::vector<const ssp::Element*>& found) {
   if (element.annotation) found.push_back(&element);
@@ -119,6 +139,7 @@ Scenario read(std::string_view text, const std::string& place, const std::filesy
   ssp::flatten(root, units, scenario.ignore_unknown_parameters ? xml::Complaint(note) : complain, scenario);
   scenario.units = units.definitions();
   read_experiment(document, complain, scenario);
+  read_osp_step(document, scenario);
 
   std::vector<const ssp::Element*> nested;
   collect_nested(root, nested);

@@ -140,6 +140,26 @@ TEST(ForeignSystemStructure, RunsWithDefaults) {
   EXPECT_EQ(bare.stop, Time{1'000'000'000});
 }
 
+// The names of several years: libcosim reads the first.
+TEST(ForeignSystemStructure, HasTheStepOfTheOpenSimulationPlatform) {
+  const auto with = [](const std::string& type, const std::string& algorithm, const std::string& ours = "") {
+    return ssd("", "<d:DefaultExperiment><d:Annotations><c:Annotation type='" + type + "'><o:Algorithm xmlns:o='urn:o'>" +
+                       algorithm + "</o:Algorithm></c:Annotation>" + ours + "</d:Annotations></d:DefaultExperiment>");
+  };
+  const std::string type = "com.opensimulationplatform", step = "<o:FixedStepAlgorithm baseStepSize='1e-4'/>";
+  EXPECT_EQ(parse(with(type, step)).tick, Duration{100'000});
+  EXPECT_EQ(parse(with(type, "<o:FixedStepAlgorithm stepSize='0.002'/>")).tick, Duration{2'000'000});
+  EXPECT_EQ(parse(with("org.open-simulation-platform", "<o:FixedStepMaster stepSize='0.01'/>")).tick, Duration{10'000'000});
+  EXPECT_EQ(parse(with("another.tool", step)).tick, Duration{1'000'000});
+  const auto ours = [](const std::string& tick) {
+    return "<c:Annotation type='cotwin.master'><t:Master xmlns:t='urn:cotwin:master:1'" + tick + "/></c:Annotation>";
+  };
+  EXPECT_EQ(parse(with(type, step, ours(" tick='0.005'"))).tick, Duration{5'000'000});
+  EXPECT_EQ(parse(with(type, step, ours(""))).tick, Duration{100'000});
+  EXPECT_THAT([&] { parse(with(type, "<o:FixedStepAlgorithm baseStepSize='0'/>")); },
+              ThrowsMessage<Error>(HasSubstr("attribute 'baseStepSize' of 'FixedStepAlgorithm': '0', expected 1e-09 s")));
+}
+
 TEST(ForeignSystemStructure, HasComposedConnections) {
   EXPECT_THAT(connections_of(load_scenario(kVehicle)),
               ElementsAre(
