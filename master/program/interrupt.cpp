@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <cstring>
 
+#include "fmu/import/watched_calls.h"
 #include "master/run/crash.h"
 
 namespace cotwin::master {
@@ -98,6 +99,7 @@ void end_on_signals(const char* message) {
 void note_signals() {
   for (std::atomic<std::int64_t>& time : noted_at) time = 0;
   ending_message = nullptr;
+  if (fmu::watched_calls != nullptr) fmu::watched_calls->initialising = false;
   catch_signals();
 }
 

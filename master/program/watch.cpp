@@ -27,11 +27,23 @@ using fmu::WatchedCalls;
 constexpr int kFailed = 1, kEndedBySignal = 128;  // exit codes, as in commands/commands.h
 constexpr std::array kPassedOn = {SIGINT, SIGTERM, SIGHUP, SIGXCPU, SIGQUIT, SIGUSR1, SIGUSR2};
 
+constexpr unsigned kFirstReport = 5, kReports = 30;  // s: when a long initialisation is reported, and again
+constexpr unsigned kPatience = 2;                    // s: until an initialisation that does not obey a stop signal is killed
+
 std::atomic<pid_t> watched{0};
+std::atomic<bool> alarmed{false};
+std::atomic<int> stopped_by{0};  // a stop signal during the initialisation
+
+bool is_stop_signal(int number) {
+  return number == SIGINT || number == SIGTERM || number == SIGHUP || number == SIGXCPU || number == SIGQUIT;
+}
 
 /// Passes a signal on that was sent to this process. One of a terminal reaches the child itself.
 void pass_on(int number, siginfo_t* info, void*) {
   if (info->si_code <= 0 && watched > 0) kill(watched, number);
+  if (!is_stop_signal(number)) return;
+  stopped_by = number;
+  alarm(kPatience);
 }
 
 bool is_debugged() {
@@ -52,14 +64,33 @@ void watch_signals() {
     action.sa_flags = SA_SIGINFO | SA_RESTART;
     sigaction(number, &action, nullptr);
   }
+  struct sigaction alarms = {};
+  alarms.sa_handler = [](int) { alarmed = true; };
+  sigaction(SIGALRM, &alarms, nullptr);  // interrupts waitpid
 }
 
-int wait_for(pid_t child) {
+/// At an alarm, while the child initialises: kills it if it does not obey a stop signal, or says where it is.
+void look_after(pid_t child, const WatchedCalls& calls, unsigned& seconds) {
+  if (!calls.initialising) return;
+  if (stopped_by != 0) {
+    kill(child, SIGKILL);
+    return;
+  }
+  const std::string where = calls.last_calls();
+  std::cerr << "cotwin: initialising for " << seconds << " s" << (where.empty() ? "" : ", now " + where) << '\n';
+  seconds += kReports;
+  alarm(kReports);
+}
+
+int wait_for(pid_t child, const WatchedCalls& calls, bool quiet) {
+  unsigned seconds = kFirstReport;
+  if (!quiet) alarm(kFirstReport);
   for (;;) {
     int status = 0;
     const pid_t ended = waitpid(-1, &status, 0);  // also orphans that the run has left to this process
     if (ended == child) return status;
     if (ended < 0 && errno != EINTR) return 0;
+    if (ended < 0 && alarmed.exchange(false)) look_after(child, calls, seconds);
   }
 }
 
@@ -81,10 +112,6 @@ void kill_children() {
 std::string name_of(int number) {
   const char* name = sigdescr_np(number);
   return "signal " + std::to_string(number) + (name != nullptr ? std::string(" (") + name + ")" : "");
-}
-
-bool is_stop_signal(int number) {
-  return number == SIGINT || number == SIGTERM || number == SIGHUP || number == SIGXCPU || number == SIGQUIT;
 }
 
 /// The code with which the program ends, and how the child ended if not as the program ends.
@@ -121,10 +148,18 @@ std::optional<int> watch_run(const WatchOptions& options) {
   watched = child;
   watch_signals();
   if (options.ends_children) prctl(PR_SET_CHILD_SUBREAPER, 1);
-  const int status = wait_for(child);
+  const int status = wait_for(child, *calls, options.quiet);
   watched = 0;
   if (options.ends_children) kill_children();
   fmu::remove_temporary_folders(child);
+  alarm(0);
+  const int stopped = calls->initialising && WIFSIGNALED(status) && WTERMSIG(status) == SIGKILL ? stopped_by.load() : 0;
+  if (stopped != 0) {
+    const std::string where = calls->last_calls();
+    std::cerr << "cotwin: " << name_of_signal(stopped) << " while loading and initialising"
+              << (where.empty() ? "" : ", in " + where) << ", which had to be killed; no results were written\n";
+    return kEndedBySignal + stopped;
+  }
   const Ending ending = ending_of(status, calls->end);
   const bool fails = ending.code == kFailed && !ending.how.empty();
   const std::string where = fails ? calls->last_calls() : "";

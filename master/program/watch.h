@@ -13,6 +13,7 @@ struct WatchOptions {
   /// Called in the watching process after the end of the run's process, with its id and with the reason if it was not the end of the program:
   /// "component 'pump' at t = 0.5 s: x.fmu: fmi2DoStep: …"; otherwise "". Returns what is added to the message.
   std::function<std::string(pid_t process, const std::string& reason)> ended;
+  bool quiet = false;         // says nothing of a long initialisation
   bool ends_children = true;  // processes that FMUs have forked are killed at the end of the run
 };
 

@@ -317,6 +317,7 @@ RunCheckpoint resume(RunArguments& arguments, const Build& build) {
 std::optional<int> watch(const Scenario& scenario, const RunArguments& arguments, const fs::path& out) {
   if (std::ranges::all_of(scenario.components, is_unit)) return std::nullopt;
   WatchOptions options;
+  options.quiet = arguments.quiet;
   options.ends_children = arguments.view.empty();  // the browser stays
   options.ended = [&out](pid_t process, const std::string& reason) {
     const std::string why = reason.empty() ? "the files of the run could not be completed" : reason;
@@ -450,10 +451,12 @@ int run_fmu(const RunArguments& arguments) {
   end_on_signals(" while loading; no results were written\n");
   if (arguments.fmu.process != fmu::ProcessChoice::kOwn) {
     const fs::path rows = output_file_of(arguments.fmu);
-    const WatchOptions watch{[&rows](pid_t, const std::string& reason) {
+    WatchOptions watch;
+    watch.quiet = arguments.quiet;
+    watch.ended = [&rows](pid_t, const std::string& reason) {
       const bool kept = !reason.empty() && keep_rows(rows);
       return kept ? "; the rows up to then are in " + rows.string() : "";
-    }};
+    };
     if (const std::optional<int> code = watch_run(watch)) return *code;
   }
   FmuRun run(arguments.fmu);

@@ -117,7 +117,7 @@ void add_search(CLI::App& app, Chosen& chosen) {
   command->callback([all, &chosen] {
     chosen = [all] {
       if (!std::ranges::all_of(load_scenario(all->file).components, is_unit)) {
-        const WatchOptions watch{[](pid_t, const std::string&) { return std::string(); }};
+        const WatchOptions watch{.ended = [](pid_t, const std::string&) { return std::string(); }, .quiet = true};
         if (const std::optional<int> code = watch_run(watch)) return *code;
       }
       note_signals();

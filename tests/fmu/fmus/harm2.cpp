@@ -109,6 +109,10 @@ void do_harm(const std::string& harm) {
   if (harm == "hang") {
     for (;;) usleep(1000);
   }
+  if (harm == "deaf") {
+    for (const int number : {SIGTERM, SIGINT, SIGHUP}) signal(number, SIG_IGN);
+    for (;;) usleep(1000);
+  }
   if (harm == "memory") exhaust_memory(true);
   if (harm == "reserve") exhaust_memory(false);
   if (harm == "stdout") {

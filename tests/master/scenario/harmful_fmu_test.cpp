@@ -232,6 +232,27 @@ TEST_F(HarmfulFmu, IsStoppedAndKilledWithTheProgram) {
   }
 }
 
+TEST_F(HarmfulFmu, IsStoppedDuringItsInitialisationEvenIfItIgnoresSignals) {
+  const std::vector<std::string> arguments = scenario("shared", "");
+  testing::RunOptions options{.folder = folder_, .limit = std::chrono::seconds(60)};
+  options.environment = {"COTWIN_HARM=deaf", "COTWIN_HARM_AT=fmi2EnterInitializationMode"};
+  testing::Process program = testing::start_program(arguments, options);
+  // Until it hangs in the FMU: it ignores SIGTERM.
+  const auto deaf = [&] {
+    const std::string children =
+        content("/proc/" + std::to_string(program.id()) + "/task/" + std::to_string(program.id()) + "/children");
+    const std::string status = children.empty() ? "" : content("/proc/" + std::to_string(std::stoi(children)) + "/status");
+    const std::size_t at = status.find("SigIgn:\t");
+    return at != std::string::npos && (std::stoull(status.substr(at + 8), nullptr, 16) >> (SIGTERM - 1) & 1u) != 0;
+  };
+  while (!deaf()) std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  program.signal(SIGTERM);
+  const RunResult ran = program.wait();
+  EXPECT_EQ(ran.code, 128 + SIGTERM);
+  EXPECT_THAT(ran.err, HasSubstr("SIGTERM while loading and initialising, in component 'pump' at t = 0 s: harm2.fmu: "
+                                 "fmi2EnterInitializationMode, which had to be killed; no results were written"));
+}
+
 TEST_F(HarmfulFmu, LeavesNoTemporaryFolderBehind) {
   const std::size_t before = fmu::testing::temporary_folders();
   for (const std::string harm : {"exit", "segv", "exit_group", "kill"}) {
