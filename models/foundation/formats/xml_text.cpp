@@ -35,4 +35,25 @@ std::size_t first_not_allowed(std::string_view s) {
 
 bool is_xml_text(std::string_view text) { return first_not_allowed(text) == std::string_view::npos; }
 
+std::size_t first_tag_with_more_attributes(std::string_view text, std::size_t most) {
+  constexpr std::size_t kNone = std::string_view::npos;
+  for (std::size_t tag = text.find('<'); tag != kNone; tag = text.find('<', tag + 1)) {
+    const std::string_view rest = text.substr(tag);
+    const std::string_view end = rest.starts_with("<!--") ? "-->" : rest.starts_with("<![CDATA[") ? "]]>" : "";
+    if (!end.empty()) {
+      tag = text.find(end, tag);
+      if (tag == kNone) return kNone;
+      continue;
+    }
+    std::size_t values = 0;
+    for (std::size_t at = text.find_first_of("\"'>", tag); at != kNone && text[at] != '>';
+         at = text.find_first_of("\"'>", at + 1)) {
+      if (++values > most) return tag;
+      at = text.find(text[at], at + 1);
+      if (at == kNone) return kNone;
+    }
+  }
+  return kNone;
+}
+
 }  // namespace cotwin::xml

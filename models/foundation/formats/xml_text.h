@@ -11,4 +11,8 @@ std::size_t first_not_allowed(std::string_view text);
 /// Whether `text` is UTF-8 with only characters that XML 1.0 allows.
 bool is_xml_text(std::string_view text);
 
+/// Index of the first tag with more than `most` quoted values, or npos: for parsers whose time grows with the square of the number of
+/// attributes. The text need not be well-formed.
+std::size_t first_tag_with_more_attributes(std::string_view text, std::size_t most);
+
 }  // namespace cotwin::xml

@@ -10,6 +10,7 @@
 
 #include "models/foundation/formats/xml.h"
 #include "models/foundation/formats/xml_reason.h"
+#include "models/foundation/formats/xml_text.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
 
@@ -24,6 +25,8 @@ using Names = std::initializer_list<std::string_view>;
 
 /// More than any realistic robot has; urdfdom frees a chain of links by recursion.
 constexpr std::size_t kMostLinks = 2000;
+/// More than any element has; the time of tinyxml2 grows with the square of their number.
+constexpr std::size_t kMostAttributes = 1000;
 
 bool contains(const Names& names, std::string_view name) { return std::find(names.begin(), names.end(), name) != names.end(); }
 
@@ -316,6 +319,12 @@ UrdfDocument Reader::read(std::string_view xml) {
   const std::string& place = document_.place;
   if (text::trim(xml).empty()) throw Error(place, "empty, expected a URDF");
   if (xml.find('\0') != std::string_view::npos) throw Error(place, "not UTF-8 text, expected a URDF");
+  if (const std::size_t crowded = xml::first_tag_with_more_attributes(xml, kMostAttributes);
+      crowded != std::string_view::npos) {
+    const auto line = std::count(xml.begin(), xml.begin() + static_cast<std::ptrdiff_t>(crowded), '\n') + 1;
+    throw Error(document_.at(static_cast<int>(line)),
+                "an element with more than " + std::to_string(kMostAttributes) + " attributes, expected a URDF");
+  }
   tinyxml2::XMLDocument parsed;
   if (parsed.Parse(xml.data(), xml.size()) != tinyxml2::XML_SUCCESS) {
     throw Error(document_.at(parsed.ErrorLineNum()), "not well-formed XML: " + xml::reason(parsed));
