@@ -11,6 +11,8 @@ namespace cotwin::io {
 
 /// rad/s (prismatic: m/s), largest default limit of commanded positions.
 inline constexpr double kSafeSpeed = 0.5;
+/// rad/s² (prismatic: m/s²), default limit of their acceleration.
+inline constexpr double kSafeAcceleration = 20;
 
 /// Measurements of a robot's n joints, in SI and in the order and with the signs of the URDF.
 struct Measured {

@@ -34,8 +34,6 @@ constexpr const char* kWrapped =
 constexpr const char* kNotStopped =
     "not all slaves answered at the end of the run that they are in INIT: their outputs are off when their watchdogs expire";
 constexpr double kHalfACycle = -1;  // value of sync0_shift
-constexpr const char* kAcknowledged = "acknowledged";
-constexpr const char* kAutomatic = "automatic";
 
 std::int64_t nanoseconds(double seconds) { return std::llround(seconds * 1e9); }
 
@@ -165,14 +163,7 @@ void EtherCatLink::declare(Variables& v, JointVariables& joints) {
   }
   v.output("clock_steps", clock_steps_,
            "times at which the reference clock went on elsewhere without a restart (the host was suspended), and was followed");
-  v.output("awaits_acknowledgement", awaits_acknowledgement_,
-           "whether outputs are off after a loss of operation until acknowledge rises (restart=acknowledged)");
-  v.input("acknowledge", acknowledge_,
-          "a rising edge while the bus is operational switches the outputs on again after a loss of operation");
-  v.parameter(
-      "restart", restart_,
-      "outputs after a loss of operation: acknowledged (off until acknowledge rises) or automatic (on as soon as the bus "
-      "is operational)");
+  acknowledgement_.declare(v, "outputs are off", "the bus is operational");
 }
 
 void EtherCatLink::declare_device(Variables& v, std::size_t i) {
@@ -234,9 +225,7 @@ void EtherCatLink::declare_device(Variables& v, std::size_t i) {
 
 void EtherCatLink::initialise(Time start, Measured& measured) {
   end();
-  if (restart_ != kAcknowledged && restart_ != kAutomatic) {
-    throw Error(kEtherCatPlace, "restart is '" + restart_ + "', expected " + kAcknowledged + " or " + kAutomatic);
-  }
+  acknowledgement_.begin(kEtherCatPlace);
   master_.reset();
   wire_.reset();
   ethercat::SetupOptions options;
@@ -268,8 +257,7 @@ void EtherCatLink::initialise(Time start, Measured& measured) {
   std::fill(measured.dq.begin(), measured.dq.end(), 0.0);
   std::fill(measured.ddq.begin(), measured.ddq.end(), 0.0);
   measured.fresh = false;
-  failed_ = was_operational_ = ended_ = stepped_ = awaits_acknowledgement_ = false;
-  acknowledged_ = true;  // an input that is on from the start has not risen
+  failed_ = was_operational_ = ended_ = stepped_ = false;
   stopped_ = true;
   write_statistics();
 }
@@ -292,7 +280,8 @@ StepResult EtherCatLink::step(Time now, Duration h, const Command&, Measured& me
     wire.advance_to(zero_ + now.ns);
     field_->apply(wire.now());
   }
-  decide_restart();
+  acknowledgement_.decide(operational_);
+  master_->hold_outputs(acknowledgement_.awaits());
   write_devices();
   master_->cycle(*wire_);
   if (field_) {
@@ -307,17 +296,9 @@ StepResult EtherCatLink::step(Time now, Duration h, const Command&, Measured& me
   const bool before = operational_;
   write_statistics();
   failed_ = failed_ || (before && !operational_);
-  awaits_acknowledgement_ = awaits_acknowledgement_ || (before && !operational_ && restart_ == kAcknowledged);
+  if (before && !operational_) acknowledgement_.demand();
   was_operational_ = was_operational_ || operational_;
   return {};
-}
-
-/// A cable that is plugged in again must not move anything by itself. The edge counts only when the bus is back.
-void EtherCatLink::decide_restart() {
-  const bool before = std::exchange(acknowledged_, acknowledge_);
-  const bool rises = acknowledge_ && !before;
-  if ((rises && operational_) || restart_ != kAcknowledged) awaits_acknowledgement_ = false;
-  master_->hold_outputs(awaits_acknowledgement_);
 }
 
 void EtherCatLink::write_devices() {
@@ -328,7 +309,7 @@ void EtherCatLink::write_devices() {
     if (s.kind == Kind::kDigitalOutputs) {
       for (std::size_t c = 0; c < d.channels.size(); ++c) write_bits(out, c, 1, d.channels[c] ? 1 : 0);
     } else if (s.kind == Kind::kEncoder) {
-      d.encoder->write(out, master_->operational() && !awaits_acknowledgement_);
+      d.encoder->write(out, master_->operational() && !acknowledgement_.awaits());
     } else if (s.kind == Kind::kImage) {
       for (std::size_t c = 0; c < s.setup.outputs.size(); ++c) {
         const ethercat::Channel& channel = s.setup.outputs[c];

@@ -10,6 +10,7 @@
 #include "components/io/emulators/ethercat_field.h"
 #include "components/io/emulators/ethercat_slaves.h"
 #include "components/io/ethercat/master/master.h"
+#include "components/io/link/acknowledgement.h"
 #include "components/io/link/link.h"
 #include "components/io/links/ethercat_encoder.h"
 #include "components/unit/settings.h"
@@ -46,7 +47,6 @@ class EtherCatLink final : public Link {
   void read_devices();
   void measure(Measured& measured);
   void check_cycle(Duration h);
-  void decide_restart();
   void write_statistics();
 
   std::string interface_;
@@ -76,10 +76,7 @@ class EtherCatLink final : public Link {
                slave_faults_ = 0, wrong_slaves_ = 0, unexpected_slaves_ = 0, recovered_ = 0;
   double clock_difference_ = 0;
   std::int32_t clock_steps_ = 0;
-  bool awaits_acknowledgement_ = false;
-  // Restart of the outputs after a loss of operation.
-  std::string restart_ = "acknowledged";
-  bool acknowledge_ = false, acknowledged_ = false;  // the input, and its last value
+  Acknowledgement acknowledgement_;
 };
 
 }  // namespace cotwin::io

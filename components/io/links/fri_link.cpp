@@ -5,6 +5,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "components/io/fri/finite.h"
 #include "models/foundation/support/choice.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
@@ -19,26 +20,11 @@ constexpr const char* kSilent =
 constexpr const char* kRefused = "inputs were not finite or larger than 1e9: their last usable values were sent";
 constexpr const char* kOther =
     "the robot did not ask for the quantity of mode (client_mode): its last commanded position was held";
-constexpr double kMostBridged = 10;                 // command periods without an answer that the robot bridges by extrapolation
-constexpr double kLeastNorm = 1e-6;                 // of a quaternion
+constexpr const char* kWithheld = "after a loss, a restart or a jump nothing was commanded until acknowledge rose";
 constexpr std::int64_t kRepeatAnswer = 20'000'000;  // ns without a message, until an answer is repeated
 constexpr int kLastTimes = 5;                       // the last answer is sent again at the end
 
-/// Writes values if all are usable.
-template <class From, class To>
-bool take_usable(const From& from, To& to) {
-  if (!std::ranges::all_of(from, fri::is_usable)) return false;
-  std::ranges::copy(from, to.begin());
-  return true;
-}
-
 bool is_loopback(std::uint32_t address) { return address >> 24 == 127; }
-
-/// Up to the rounding of single floats, and sums of them.
-bool is_rotation(const Eigen::Matrix3d& R) {
-  constexpr double kTolerance = 1e-3;
-  return (R.transpose() * R - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff() < kTolerance && R.determinant() > 0;
-}
 
 const char* reason(fri::Fault fault) {
   switch (fault) {
@@ -59,27 +45,12 @@ const char* reason(fri::Fault fault) {
   }
 }
 
-Pose pose_of(const std::array<double, 3>& p, const std::array<double, 4>& quat) {
-  const Eigen::Quaterniond Q(quat[0], quat[1], quat[2], quat[3]);
-  return {Q.normalized().toRotationMatrix(), {p[0], p[1], p[2]}};
-}
-
 /// Keeps what there is if the matrix is no rotation.
 void write(const Pose& X, std::array<double, 3>& p, std::array<double, 4>& quat) {
-  if (!is_rotation(X.R)) return;
+  if (!fri::is_nearly_rotation(X.R)) return;
   const Eigen::Quaterniond Q = Eigen::Quaterniond(X.R).normalized();
   p = {X.p.x(), X.p.y(), X.p.z()};
   quat = {Q.w(), Q.x(), Q.y(), Q.z()};
-}
-
-/// The pose on the way from `from` to `to` that is at most `distance` (m) and `angle` (rad) away.
-Pose approach(const Pose& from, const Pose& to, double distance, double angle) {
-  Pose X = to;
-  const Eigen::Vector3d way = to.p - from.p;
-  if (const double length = way.norm(); length > distance) X.p = from.p + way * (distance / length);
-  const Eigen::AngleAxisd turn(Eigen::Matrix3d(from.R.transpose() * to.R));
-  if (turn.angle() > angle) X.R = from.R * Eigen::AngleAxisd(angle, turn.axis()).toRotationMatrix();
-  return X;
 }
 
 }  // namespace
@@ -89,6 +60,7 @@ FriLink::FriLink(Settings& settings, std::vector<trajectory::Axis> joints)
       n_(joints.size()),
       datagrams_(*this),
       synchronisation_(n_),
+      jumps_(n_),
       port_(default_port(protocol_)),
       dq_command_max_(n_, kSafeSpeed),
       writes_(settings.text("io_write"), fri::Io::Direction::kOutput, kFriPlace + "&io_write"),
@@ -164,6 +136,7 @@ std::optional<DatagramQueue::Stamp> FriLink::stamp(std::span<const std::uint8_t>
 }
 
 void FriLink::initialise(Time start, Measured& measured) {
+  acknowledgement_.begin(kFriPlace);
   open();
   measured.warning.reserve(512);
   for (std::vector<double>* values :
@@ -235,7 +208,11 @@ void FriLink::note_refused(const DatagramQueue::Datagram& datagram) {
 
 StepResult FriLink::step(Time now, Duration h, const Command& command, Measured& measured) {
   measured.fresh = false;
-  take_inputs(command, measured);
+  acknowledgement_.decide(connected_ && robot_ready());
+  if (drives() && !take_inputs(command)) {
+    refused_ = saturated(static_cast<std::uint64_t>(refused_) + 1);
+    measured.warn(kRefused);
+  }
   datagrams_.keep_only(connected_ ? client_->controller() : net::Endpoint{}, client_->longest_silence());
   for (std::size_t left = datagrams_.waiting(); left > 0; --left) {
     const auto datagram = datagrams_.receive();
@@ -246,9 +223,15 @@ StepResult FriLink::step(Time now, Duration h, const Command& command, Measured&
   at_ = now.ns;
   if (refuses_) measured.warn(kOther);
   if (connected_ && !client_->connected(now.ns)) note_loss(measured);
+  if (acknowledgement_.awaits()) measured.warn(kWithheld);
   write_outputs(now.ns);
   if (was_connected_ && !connected_) lost_time_ += h.seconds();
   return StepResult::kDone;
+}
+
+bool FriLink::robot_ready() const {
+  const fri::Monitoring& m = client_->monitoring();
+  return !m.has(fri::Monitoring::kSafetyState) || m.safety == fri::SafetyState::kNormal;
 }
 
 /// Whether the robot may wait for the last answer and was heard within its timeout.
@@ -273,37 +256,12 @@ std::int64_t FriLink::repetition() const {
   return std::max(kRepeatAnswer, 2 * static_cast<std::int64_t>(client_->monitoring().send_period * 1e9));
 }
 
-/// Takes the inputs that are usable.
-void FriLink::take_inputs(const Command& command, Measured& measured) {
-  if (!drives()) return;
-  bool all = true;
-  if (mode_ == Mode::kCartesianImpedance) {
-    const Eigen::Map<const Eigen::Vector4d> quat(quat_command_.data());
-    const bool place = std::ranges::all_of(p_command_, fri::is_usable) && std::ranges::all_of(quat_command_, fri::is_usable) &&
-                       quat.norm() > kLeastNorm;
-    if (place) {
-      inputs_.p = p_command_;
-      inputs_.quat = quat_command_;
-    }
-    inputs_.has_place = inputs_.has_place || place;
-    all = place;
-  } else {
-    const bool place = take_usable(command.q, inputs_.q);
-    inputs_.has_place = inputs_.has_place || place;
-    all = place;
-  }
-  if (mode_ == Mode::kTorque || mode_ == Mode::kJointImpedance) all = take_usable(command.tau, inputs_.tau) && all;
-  if (mode_ == Mode::kWrench || mode_ == Mode::kCartesianImpedance) all = take_usable(F_command_, inputs_.F) && all;
-  if (all) return;
-  refused_ = saturated(static_cast<std::uint64_t>(refused_) + 1);
-  measured.warn(kRefused);
-}
-
 /// Whether there is a new message; it is answered.
 bool FriLink::take(const DatagramQueue::Datagram& datagram, std::int64_t arrival, std::int64_t now) {
   const auto reception = client_->receive(datagram.bytes, datagram.from, arrival, datagram.arrival);
   if (reception == fri::Client::Reception::kRefused) return false;
   if (client_->statistics().sessions != sessions_) begin_session();
+  watch_position();
   if (client_->monitoring().state == fri::SessionState::kIdle) answer_ = {};
   if (reception == fri::Client::Reception::kAnswerDue) {
     choose_command();
@@ -317,96 +275,22 @@ bool FriLink::take(const DatagramQueue::Datagram& datagram, std::int64_t arrival
 }
 
 void FriLink::begin_session() {
+  if (sessions_ > 0) demand_acknowledgement();
   sessions_ = client_->statistics().sessions;
   position_ = answered_ = -1;
   following_ = follows_ = false;
   begins_ = true;
 }
 
-void FriLink::choose_command() {
+/// A robot that jumps is somewhere else than the command: it is followed there.
+void FriLink::watch_position() {
   const fri::Monitoring& m = client_->monitoring();
   const std::int64_t newest = client_->statistics().monitoring.newest();
-  const double cycle = m.send_period * m.receive_multiplier;
-  const double since =
-      answered_ >= 0 ? m.send_period * static_cast<double>(std::max<std::int64_t>(newest - answered_, 0)) : cycle;
-  const double elapsed = std::min(since, kMostBridged * cycle);
-  answered_ = newest;
-  wanted_.joints = static_cast<std::uint32_t>(n_);
-  wanted_.fields = fri::Command::kPosition;
-  if (mode_ == Mode::kTorque || mode_ == Mode::kJointImpedance) wanted_.fields |= fri::Command::kTorque;
-  if (mode_ == Mode::kWrench) wanted_.fields |= fri::Command::kWrench;
-  if (mode_ == Mode::kJointImpedance) wanted_.fields |= fri::Command::kJointStiffness | fri::Command::kJointDamping;
-  if (mode_ == Mode::kCartesianImpedance) {
-    wanted_.fields =
-        fri::Command::kPose | fri::Command::kWrench | fri::Command::kCartesianStiffness | fri::Command::kCartesianDamping;
-  }
-  take_usable(stiffness_, wanted_.joint_stiffness);
-  take_usable(damping_, wanted_.joint_damping);
-  take_usable(cartesian_stiffness_, wanted_.cartesian_stiffness);
-  take_usable(cartesian_damping_, wanted_.cartesian_damping);
-  krl_command_.write(wanted_.krl);
-  writes_.write(wanted_.ios);
-  follow(elapsed);
-}
-
-/// What the mode commands, one of fri::Command::fields.
-std::uint32_t FriLink::quantity() const {
-  switch (mode_) {
-    case Mode::kTorque:
-      return fri::Command::kTorque;
-    case Mode::kWrench:
-      return fri::Command::kWrench;
-    case Mode::kCartesianImpedance:
-      return fri::Command::kPose;
-    default:
-      return fri::Command::kPosition;
-  }
-}
-
-/// Whether the robot may follow the inputs in the state of the newest message.
-bool FriLink::may_follow() const {
-  if (!command_ || waiting_ || refuses_ || !inputs_.has_place) return false;
-  return mode_ != Mode::kCartesianImpedance || is_rotation(wanted_.X.R);
-}
-
-void FriLink::follow(double elapsed) {
-  const fri::Monitoring& m = client_->monitoring();
-  const Synchronisation::Gains gains{K_P_, K_D_, dq_command_max_};
-  const bool own = m.has(fri::Monitoring::kInterpolatorPosition) && protocol_ != fri::Protocol::kLwr;
-  const fri::Joints& place = m.has(fri::Monitoring::kCommandedPosition) ? m.q_commanded : m.q_measured;
-  const fri::Joints& robot = own ? m.q_interpolator : place;
-  const bool commanding = client_->commanding() && drives();
-  if (!commanding) {
-    synchronisation_.start({robot.data(), n_});
-    wanted_.X = m.X_commanded;
-  } else if (begins_) {
-    synchronisation_.start({place.data(), n_});
-    wanted_.X = m.X_commanded;
-  } else if (!following_) {
-    // Commanding begins at the last position sent before it.
-    const fri::Command& sent = client_->sent();
-    synchronisation_.start({sent.has(fri::Command::kPosition) ? sent.q.data() : robot.data(), n_});
-    if (sent.has(fri::Command::kPose)) wanted_.X = sent.X;
-  } else if (!follows_) {
-    std::copy_n(synchronisation_.last().begin(), n_, q_sent_.begin());
-    synchronisation_.start(q_sent_);
-  }
-  following_ = commanding;
-  refuses_ = commanding && (client_->taken() & quantity()) == 0;
-  follows_ = commanding && may_follow();
-  begins_ = false;
-  wanted_.tau = {};
-  wanted_.F.setZero();
-  if (follows_) {
-    synchronisation_.command(inputs_.q, gains, elapsed);
-    synchronisation_.measure(inputs_.q, {m.q_measured.data(), n_}, gains, elapsed);
-    std::ranges::copy(inputs_.tau, wanted_.tau.begin());
-    for (int i = 0; i < 6; ++i) wanted_.F[i] = inputs_.F[static_cast<std::size_t>(i)];
-    if (mode_ == Mode::kCartesianImpedance) {
-      wanted_.X = approach(wanted_.X, pose_of(inputs_.p, inputs_.quat), v_command_max_ * elapsed, w_command_max_ * elapsed);
-    }
-  }
-  std::ranges::copy(synchronisation_.last(), wanted_.q.begin());
+  if (newest == position_) return;
+  const double elapsed = position_ >= 0 ? m.send_period * static_cast<double>(newest - position_) : 0;
+  if (!jumps_.add({m.q_measured.data(), n_}, elapsed)) return;
+  demand_acknowledgement();
+  begins_ = true;
 }
 
 void FriLink::measure(Measured& measured) {
@@ -447,6 +331,7 @@ void FriLink::measure(Measured& measured) {
 
 void FriLink::note_loss(Measured& measured) {
   ++losses_;
+  demand_acknowledgement();
   position_ = answered_ = -1;
   following_ = follows_ = false;
   std::ranges::fill(measured.dq, 0);
@@ -488,6 +373,8 @@ void FriLink::tell(std::vector<std::string>& sentences) const {
                       std::to_string(counts_.answers) + " answers");
   if (unsent_ > 0) sentences.push_back(std::to_string(unsent_) + " answers to the robot could not be sent");
   if (restarts_ > 0) sentences.push_back("the robot's controller began anew " + std::to_string(restarts_) + " times");
+  if (acknowledgement_.awaits())
+    sentences.emplace_back("at the end nothing was commanded: acknowledge had not risen since a loss");
   if (refused_ > 0) sentences.push_back("in " + std::to_string(refused_) + " steps " + kRefused);
   if (losses_ > 0) {
     sentences.push_back("the robot was silent " + std::to_string(losses_) + " times, for " + text::to_text(lost_time_, 3) +

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "components/io/fri/client.h"
+#include "components/io/link/acknowledgement.h"
 #include "components/io/link/datagram_queue.h"
 #include "components/io/link/fri_values.h"
 #include "components/io/link/link.h"
@@ -21,9 +22,10 @@ namespace cotwin::io {
 ///   q̇          differences of q between messages over their send period, low-pass `dq_cutoff`;  q̈: differences of q̇
 ///   command     monitoring: mirrors what the robot commands; commanding: q_command with the PD synchronisation
 ///               (synchronisation.h), and by `mode` an overlaid torque or wrench, stiffness and damping
-/// A robot that sends nothing for `timeout` is not connected: q and τ are held, q̇, q̈ and τ_e are 0, nothing is sent. When it is
-/// back, or when its controller has begun anew (fri::ClientStatistics::sessions), commands begin at the position that its first
-/// message gives as commanded, or else as measured, and q̇ begins at 0.
+/// A robot that sends nothing for `timeout` is not connected: q and τ are held, q̇, q̈ and τ_e are 0, nothing is sent. After that, after
+/// a restart of its controller (fri::ClientStatistics::sessions), a jump of its position, or when it does not take commands any more,
+/// it is not commanded until the input `acknowledge` rises (acknowledgement.h): its own position is mirrored or, where it takes
+/// commands, the position that it gives as commanded, or else as measured, is held. Commands then begin there.
 /// Inputs that are not finite, or beyond fri::kLargestNumber, are not sent: their last usable values are (`refused`).
 /// If the robot does not ask for the quantity of `mode`, its position is held and `commanding` is false.
 /// A clock that waits for the robot's next message without a limit sends the last answer again after kRepeat, because the answer or
@@ -78,13 +80,18 @@ class FriLink final : public Link {
   void open();
   void wait_for_robot(Time start, Measured& measured);
   void note_refused(const DatagramQueue::Datagram& datagram);
-  void take_inputs(const Command& command, Measured& measured);
+  bool take_inputs(const Command& command);
   std::uint32_t quantity() const;
   bool may_follow() const;
   std::optional<DatagramQueue::Stamp> stamp(std::span<const std::uint8_t> bytes);
   bool take(const DatagramQueue::Datagram& datagram, std::int64_t arrival, std::int64_t now);
   std::int64_t repetition() const;
   void begin_session();
+  void watch_position();
+  bool robot_ready() const;
+  void demand_acknowledgement() {
+    if (drives()) acknowledgement_.demand();
+  }
   void choose_command();
   void follow(double elapsed);
   void measure(Measured& measured);
@@ -97,12 +104,15 @@ class FriLink final : public Link {
   Datagrams datagrams_;
   std::optional<fri::Client> client_;
   Synchronisation synchronisation_;
+  Acknowledgement acknowledgement_;
+  JumpDetector jumps_;
   fri::Command wanted_;
   fri::Monitoring seen_;  // by the clock
   // Parameters.
   std::string address_ = "0.0.0.0", controller_, mode_text_ = "monitor";
   std::int32_t port_;
-  double timeout_ = 0.1, wait_ = 0, dq_cutoff_ = 50, v_command_max_ = 0.25, w_command_max_ = 1;
+  double timeout_ = 0.1, wait_ = 0, dq_cutoff_ = 50, v_command_max_ = 0.25, w_command_max_ = 1,
+         ddq_command_max_ = kSafeAcceleration;
   std::vector<double> dq_command_max_;
   // Inputs.
   std::array<double, 6> F_command_{};
@@ -134,7 +144,7 @@ class FriLink final : public Link {
   std::int64_t answered_ = -1;      // of the message answered last; −1: none
   bool following_ = false;          // the robot takes commands; else its own position is mirrored
   bool follows_ = false;            // and they are those of the inputs
-  bool begins_ = false;             // the next answer is the first of a session
+  bool begins_ = false;             // the next answer begins where the robot is: the first of a session, or after a jump
   std::uint64_t sessions_ = 0;
   bool was_connected_ = false;
   bool waiting_ = false;  // for the first message, in the initialisation

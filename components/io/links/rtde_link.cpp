@@ -21,6 +21,7 @@ constexpr const char* kControllerSilent =
     "the robot was silent for longer than timeout: its last positions were held and its external torques set to 0";
 constexpr const char* kOtherRobot =
     "the robot's pose does not fit to the URDF (another robot, or another base frame than Base): tau_e is not given";
+constexpr const char* kNotCommanded = "after a loss, a restart or a jump nothing was commanded until acknowledge rose";
 constexpr const char* kTargetsRefused =
     "q_command or double_command was not finite, or q_command larger than 1e9: the last usable values were sent";
 
@@ -35,6 +36,7 @@ void count(std::int32_t& number, std::uint64_t more = 1) { number = saturated(st
 RtdeLink::RtdeLink(Settings& settings, const std::vector<trajectory::Axis>& joints)
     : n_(joints.size()),
       synchronisation_(n_),
+      jumps_(n_),
       dq_command_max_(n_, kSafeSpeed),
       torque_per_current_(n_),
       K_P_(n_),
@@ -42,7 +44,8 @@ RtdeLink::RtdeLink(Settings& settings, const std::vector<trajectory::Axis>& join
       q_robot_(n_),
       q_sent_(n_),
       e_(n_),
-      current_(n_) {
+      current_(n_),
+      q_wanted_(n_) {
   if (n_ != rtde::kJoints) throw Error(kRtdePlace, std::to_string(n_) + " joints, expected 6, as RTDE has them");
   for (std::size_t i = 0; i < n_; ++i) {
     if (joints[i].dq_max > 0) dq_command_max_[i] = std::min(kSafeSpeed, joints[i].dq_max);
@@ -63,7 +66,8 @@ void RtdeLink::declare(Variables& v, JointVariables& joints) {
   v.output("connected", connected_, "whether data of the robot come");
   v.output("state", state_,
            "of the program on the robot: 0 off (also while it does not play), 1 waiting, 2 following, 3 stopped after a loss "
-           "of commands, 4 commands too far");
+           "of commands, 4 stopped because commands were too far or the robot jumped, 5 waiting for the end of a request from "
+           "before");
   v.output("commanding", commanding_, "whether the robot follows the commands of this unit");
   v.output("robot_mode", robot_mode_, "as reported: 7 running, 5 idle, 3 power off, …");
   v.output("safety", safety_, "safety mode, as reported: 1 normal, 2 reduced, 3 protective stop, …; 0: not known");
@@ -134,6 +138,9 @@ void RtdeLink::declare(Variables& v, JointVariables& joints) {
   v.tunable("K_P", K_P_, "1", "proportional gain of the synchronisation of robot and twin").range(-0.999, 1e3);
   v.tunable("K_D", K_D_, "s", "derivative gain of the synchronisation").range(-1e3, 1e3);
   v.tunable("tau_e_gated", tau_e_gated_, "tau_e is given only while the robot follows commands, else 0");
+  acknowledgement_.declare(v, "nothing is commanded", "data of the robot come and it is ready");
+  v.parameter("ddq_command_max", ddq_command_max_, "rad/s2", "limit of the acceleration of commanded positions")
+      .range(1e-3, 1e9);
 }
 
 void RtdeLink::choose_mode() {
@@ -191,6 +198,7 @@ void RtdeLink::initialise(Time start, Measured& measured) {
   t_sent_ = t_commanded_ = -1;
   set_ups_ = 0;
   registers_sent_ = {};
+  has_wanted_ = false;
   synchronisation_.start(q_robot_);
   heard_ = start.ns;
   arrived_ = trips_ = 0;
@@ -198,6 +206,8 @@ void RtdeLink::initialise(Time start, Measured& measured) {
   sent_at_ = {};
   const net::Endpoint controller = net::endpoint_of(controller_, rtde::kPort, kRtdePlace + ": controller");
   choose_mode();
+  acknowledgement_.begin(kRtdePlace);
+  jumps_.forget();
   constexpr double kLeastSilence = 2;  // s
   line_.open(controller, client_settings(), Duration::from_seconds(std::max(kLeastSilence, patience())).ns, kRtdePlace);
   if (wait_ <= 0) return;
@@ -216,12 +226,14 @@ void RtdeLink::initialise(Time start, Measured& measured) {
 
 StepResult RtdeLink::step(Time now, Duration h, const Command& command, Measured& measured) {
   measured.fresh = false;
+  acknowledgement_.decide(connected_ && robot_ready());
   if (take_all(now, measured)) {
     if (commands_) send(command, measured);
     line_.serve();
   }
   const bool silent = static_cast<double>(now.ns - heard_) > patience() * 1e9;
   if (connected_ && (!line_.client().running() || silent)) note_loss(measured);
+  if (acknowledgement_.awaits()) measured.warn(kNotCommanded);
   write_outputs();
   if (was_connected_ && !connected_) lost_time_ += h.seconds();
   return StepResult::kDone;
@@ -250,6 +262,7 @@ void RtdeLink::measure(Measured& measured) {
   const rtde::Client& c = line_.client();
   const double t = c.value("timestamp");
   const std::int64_t host = monotonic_now();
+  if (connected_ && t < t_robot_) demand_acknowledgement();  // its clock has begun anew
   elapsed_ = connected_ && t > t_robot_ && t - t_robot_ <= rtde::kLongestPause ? t - t_robot_ : 0;
   if (elapsed_ > 0) {
     measured.elapsed += elapsed_;
@@ -275,6 +288,7 @@ void RtdeLink::measure(Measured& measured) {
     measured.tau[i] = has_torque_ ? c.value("actual_current_as_torque", i) : current_[i] * torque_per_current_[i];
     q_robot_[i] = c.value("target_q", i);
   }
+  if (jumps_.add(measured.q, elapsed_)) demand_acknowledgement();
   measure_forces(measured);
   state_ = static_cast<std::int32_t>(c.value("output_int_register_25"));
   robot_mode_ = static_cast<std::int32_t>(c.value("robot_mode"));
@@ -368,11 +382,13 @@ void RtdeLink::send(const Command& command, Measured& measured) {
   }
   c.at("standard_digital_output_mask") = digital_mask_;
   c.at("standard_digital_output") = digital_command_ & 0xff;
-  follow(command, usable);
+  if (usable) q_wanted_ = command.q;
+  has_wanted_ = has_wanted_ || usable;
+  follow();
   if (counter_ == 0) counter_ = reflected_;  // the first command has another number than the robot has read last
   counter_ = counter_ == 2147483647 ? 1 : counter_ + 1;
   c.at("input_int_register_24") = counter_;
-  c.at("input_int_register_25") = 1;
+  c.at("input_int_register_25") = requests() ? 1 : 0;
   for (std::size_t i = 0; i < n_; ++i) c.at("input_double_register_24", i) = synchronisation_.last()[i];
   if (!c.send()) return;
   t_sent_ = t_robot_;
@@ -381,28 +397,38 @@ void RtdeLink::send(const Command& command, Measured& measured) {
   std::ranges::copy(synchronisation_.last(), q_sent_.begin());
 }
 
-void RtdeLink::follow(const Command& command, bool usable) {
+/// Whether the robot is asked to follow. Its program takes only a request that begins while it waits, so that one that stopped because of
+/// a loss does not go on by itself.
+bool RtdeLink::requests() const {
+  using State = rtde::FollowState;
+  const bool waits = state_ == static_cast<std::int32_t>(State::kWaiting);
+  const bool follows = state_ == static_cast<std::int32_t>(State::kFollowing);
+  return (waits || follows) && !acknowledgement_.awaits();
+}
+
+void RtdeLink::follow() {
   const double elapsed = t_commanded_ >= 0 ? std::clamp(t_robot_ - t_commanded_, 0.0, timeout_) : 1 / frequency_;
   t_commanded_ = t_robot_;
-  const Synchronisation::Gains gains{K_P_, K_D_, dq_command_max_};
-  const bool commanding = robot_ready() && state_ == static_cast<std::int32_t>(rtde::FollowState::kFollowing);
+  const Synchronisation::Gains gains{K_P_, K_D_, dq_command_max_, ddq_command_max_};
+  const bool robot_follows = robot_ready() && state_ == static_cast<std::int32_t>(rtde::FollowState::kFollowing);
+  if (following_ && !robot_follows) demand_acknowledgement();
+  const bool commanding = robot_follows && !acknowledgement_.awaits();
   // A program that still follows when the connection is set up goes on from where it is.
-  if (!commanding || t_sent_ < 0) {
-    synchronisation_.start(q_robot_);
-  } else if (!following_ || !command_ || !usable) {
-    std::ranges::copy(synchronisation_.last(), q_sent_.begin());
-    synchronisation_.start(q_sent_);
-  }
-  if (commanding && command_ && usable) {
-    synchronisation_.command(command.q, gains, elapsed);
-    synchronisation_.measure(command.q, line_.client().values().subspan(line_.client().directory().slot("actual_q"), n_), gains,
+  if (!commanding || t_sent_ < 0) synchronisation_.start(q_robot_);
+  if (commanding && command_ && has_wanted_) {
+    synchronisation_.command(q_wanted_, gains, elapsed);
+    synchronisation_.measure(q_wanted_, line_.client().values().subspan(line_.client().directory().slot("actual_q"), n_), gains,
                              elapsed);
+  } else if (commanding) {
+    synchronisation_.rest(gains, elapsed);
   }
   following_ = commanding;
 }
 
 void RtdeLink::note_loss(Measured& measured) {
   count(losses_);
+  demand_acknowledgement();
+  jumps_.forget();
   connected_ = following_ = false;
   state_ = 0;
   t_sent_ = t_commanded_ = -1;
@@ -431,6 +457,8 @@ void RtdeLink::tell(std::vector<std::string>& sentences) const {
   }
   sentences.push_back("robot: " + std::to_string(received_) + " data packages, " + std::to_string(skipped_) + " left out, " +
                       std::to_string(sent_) + " commands");
+  if (acknowledgement_.awaits())
+    sentences.emplace_back("at the end nothing was commanded: acknowledge had not risen since a loss");
   if (losses_ > 0) {
     sentences.push_back("the robot was silent " + std::to_string(losses_) + " times, for " + text::to_text(lost_time_, 3) +
                         " s beyond timeout; last: " + why);

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "components/io/emulators/ur/follower.h"
+#include "components/io/link/acknowledgement.h"
 #include "components/io/link/link.h"
 #include "components/io/link/robot_kinematics.h"
 #include "components/io/links/rtde_line.h"
@@ -22,7 +23,8 @@ namespace cotwin::io {
 ///   command    mode=monitor: nothing is written; mode=position: registers that the program follow.script on the robot follows (rtde/follower.h), one command per step with new
 ///              data, from q_command with the PD synchronisation (synchronisation.h); until the robot follows, its own target position
 /// A robot that sends nothing for `timeout` is not connected: q and τ are held, q̇, q̈ and τ_e are 0. Connections are set up again without
-/// end; commands then begin at the robot's own target position, also while its program still follows.
+/// end. After a loss, a step back of the robot's clock, a jump of its position, or when its program does not follow any more, it is asked to
+/// rest until the input `acknowledge` rises (acknowledgement.h). Commands then begin at the robot's own target position.
 /// Inputs that are not finite, and positions beyond rtde::kLargestNumber, are not sent: their last usable values are (`refused`).
 class RtdeLink final : public Link {
  public:
@@ -48,7 +50,11 @@ class RtdeLink final : public Link {
   void count_reflected();
   bool take_registers();
   void send(const Command& command, Measured& measured);
-  void follow(const Command& command, bool usable);
+  void follow();
+  bool requests() const;
+  void demand_acknowledgement() {
+    if (commands_) acknowledgement_.demand();
+  }
   void note_loss(Measured& measured);
   void write_outputs();
   bool robot_ready() const;
@@ -56,6 +62,8 @@ class RtdeLink final : public Link {
   std::size_t n_;
   RtdeLine line_;
   Synchronisation synchronisation_;
+  Acknowledgement acknowledgement_;
+  JumpDetector jumps_;
   std::optional<RobotKinematics> kinematics_;  // if the robot's URDF is given
   bool commands_ = false;                      // mode=position
   // Inputs.
@@ -64,7 +72,7 @@ class RtdeLink final : public Link {
   std::array<std::int32_t, kRegisters> int_command_{};
   // Parameters.
   std::string controller_ = "127.0.0.1", mode_ = "monitor";
-  double frequency_ = 500, timeout_ = 0.1, wait_ = 0, ddq_cutoff_ = 50;
+  double frequency_ = 500, timeout_ = 0.1, wait_ = 0, ddq_cutoff_ = 50, ddq_command_max_ = kSafeAcceleration;
   std::int32_t digital_mask_ = 0;
   bool registers_ = false;
   std::vector<double> dq_command_max_, torque_per_current_;
@@ -86,10 +94,12 @@ class RtdeLink final : public Link {
   double jitter_ = 0, round_trip_ = 0;
   // Of the session.
   bool has_torque_ = false, following_ = false, was_connected_ = false, waiting_ = false, pose_fits_ = true;
-  std::uint64_t set_ups_ = 0;                        // of the connection
-  double t_sent_ = -1;                               // s, robot's time of the last command that was sent; −1: none
-  double t_commanded_ = -1;                          // s, robot's time when the last command was chosen; −1: none
-  double elapsed_ = 0;                               // s, robot's time between the last two packages
+  std::uint64_t set_ups_ = 0;     // of the connection
+  double t_sent_ = -1;            // s, robot's time of the last command that was sent; −1: none
+  double t_commanded_ = -1;       // s, robot's time when the last command was chosen; −1: none
+  double elapsed_ = 0;            // s, robot's time between the last two packages
+  std::vector<double> q_wanted_;  // the last usable q_command
+  bool has_wanted_ = false;
   std::array<double, kRegisters> registers_sent_{};  // the last finite values of double_command
   std::int64_t heard_ = 0;                           // ns, scenario time of the last package
   std::int64_t arrived_ = 0;                         // ns, host

@@ -1,4 +1,5 @@
 #pragma once
+#include <algorithm>
 #include <cstddef>
 #include <span>
 #include <vector>
@@ -9,9 +10,10 @@ namespace cotwin::io {
 /// robot in cycle k, of h seconds:
 ///   q_cmd(k) = q_v(k) + K_P e(k−1) + K_D (e(k−1) − e(k−2))/h
 /// For cycles without a measurement (lost packets) the correction is held, and the difference is taken over the time between the
-/// two last measurements. A command differs from the one before by at most dq_max h, with h from that one on: a twin that is
-/// elsewhere when commanding begins, or a correction after a loss, is approached at that speed. Values that are not finite change
-/// nothing: the command or the correction before is kept.
+/// two last measurements. A command differs from the one before by at most dq_max h, with h from that one on, and its speed by at most
+/// ddq_max h. A twin that is elsewhere, or a correction after a loss, is approached within these limits, with an overshoot of at most ddq_max h²/8; a twin that
+/// moves within them is followed without delay. For kSoftStart seconds after start() or rest() the speed limit rises from 0 to dq_max.
+/// Values that are not finite change nothing: the command comes to rest, the correction before is kept.
 class Synchronisation {
  public:
   /// Per joint.
@@ -19,11 +21,13 @@ class Synchronisation {
     std::span<const double> K_P;     // 1
     std::span<const double> K_D;     // s
     std::span<const double> dq_max;  // rad/s; ∞: not limited
+    double ddq_max;                  // rad/s²; ∞: not limited
   };
+  static constexpr double kSoftStart = 0.5;  // s
 
   explicit Synchronisation(std::size_t joints);
 
-  /// Begins at the command that the robot has at present.
+  /// Begins at the command that the robot has at present, at rest.
   void start(std::span<const double> q);
   /// A measurement: e, `elapsed` seconds after the last one. Takes effect in the next command. One that is
   /// not younger than the last one changes nothing.
@@ -31,13 +35,23 @@ class Synchronisation {
   /// The command of a cycle, h seconds after the last one.
   std::span<const double> command(std::span<const double> q_v, const Gains& gains, double h);
 
+  /// Instead of command(): the command comes to rest.
+  std::span<const double> rest(const Gains& gains, double h);
+  /// Of the soft start, 0 to 1.
+  double share() const { return std::min(since_start_ / kSoftStart, 1.0); }
+
   std::span<const double> last() const { return q_; }         // command, rad
   std::span<const double> discrepancy() const { return e_; }  // e of the last measurement, rad
   std::span<const double> correction() const { return correction_; }
 
  private:
-  std::vector<double> e_, correction_, q_;
-  bool measured_ = false;  // since start()
+  void rest(std::size_t i, const Gains& gains, double h);
+
+  std::vector<double> e_, correction_, q_, dq_;
+  std::vector<double> target_;  // of the last command
+  bool measured_ = false;       // since start()
+  bool has_target_ = false;     // since start() or rest()
+  double since_start_ = 0;      // s
 };
 
 /// Whether robot and twin stay together: all poles are inside the unit circle for a robot that follows its command with

@@ -61,9 +61,9 @@ struct Pair {
   std::deque<double> commands;
   Synchronisation synchronisation{1};
   std::array<double, 1> K_P{}, K_D{}, dq_max{std::numeric_limits<double>::infinity()};
-  double h = 0.002;
+  double h = 0.002, ddq_max = std::numeric_limits<double>::infinity();
 
-  Synchronisation::Gains gains() const { return {K_P, K_D, dq_max}; }
+  Synchronisation::Gains gains() const { return {K_P, K_D, dq_max, ddq_max}; }
   void start(double q) {
     synchronisation.start(std::array{q});
     q_r = q;
@@ -82,7 +82,7 @@ struct Pair {
 
 TEST(Synchronisation, ALateMeasurementChangesNothing) {
   const std::array K_P{0.5}, K_D{0.1}, dq_max{1e9};
-  const Synchronisation::Gains gains{K_P, K_D, dq_max};
+  const Synchronisation::Gains gains{K_P, K_D, dq_max, 1e9};
   Synchronisation s(1);
   s.start(std::array{0.0});
   s.measure(std::array{1.0}, std::array{0.9}, gains, 0.01);
@@ -158,7 +158,7 @@ TEST(Synchronisation, KeepsItsSpeedLimitThroughValuesThatAreNotFinite) {
     pair.dq_max[0] = 0.25;
     pair.start(0);
     double before = 0;
-    for (int k = 0; k < 40; ++k) {
+    for (int k = 0; k < 400; ++k) {
       const double q_cmd = pair.cycle(k % 8 == 3 ? bad : 0.5);
       ASSERT_TRUE(std::isfinite(q_cmd));
       ASSERT_LE(std::abs(q_cmd - before), 0.25 * pair.h * (1 + 1e-12)) << k;
@@ -169,21 +169,52 @@ TEST(Synchronisation, KeepsItsSpeedLimitThroughValuesThatAreNotFinite) {
   }
 }
 
-TEST(Synchronisation, ApproachesATwinThatIsElsewhereAtTheSpeedLimit) {
-  Pair pair(1.0);
-  pair.K_P[0] = 0.5;
-  pair.dq_max[0] = 0.25;
-  pair.start(-0.1);
-  double before = -0.1;
-  for (int k = 0; k < 1000; ++k) {
-    const double q_cmd = pair.cycle(0.1);
-    ASSERT_LE(std::abs(q_cmd - before), 0.25 * pair.h * (1 + 1e-12)) << k;
-    if (k < 300) {
-      ASSERT_NEAR(q_cmd, -0.1 + 0.25 * pair.h * (k + 1), 1e-12) << "at the limit at first";
+TEST(Synchronisation, ApproachesATwinThatIsElsewhereSoftlyWithinItsLimitsAndWithoutOvershoot) {
+  for (const double ddq_max : {1.0, 20.0, 300.0}) {
+    Pair pair(1.0);
+    pair.dq_max[0] = 0.25;
+    pair.ddq_max = ddq_max;
+    pair.start(-0.1);
+    double before = -0.1, dq = 0, fastest = 0;
+    for (int k = 0; k < 1500; ++k) {
+      const double q_cmd = pair.cycle(0.1), speed = (q_cmd - before) / pair.h;
+      const double share = std::min((k + 1) * pair.h / Synchronisation::kSoftStart, 1.0);
+      ASSERT_LE(speed, 0.25 * share * (1 + 1e-9)) << k;
+      ASSERT_LE(std::abs(speed - dq), ddq_max * pair.h * (1 + 1e-6) + 1e-9) << k;
+      ASSERT_LE(q_cmd - 0.1, ddq_max * pair.h * pair.h / 8 + 1e-12) << k;
+      fastest = std::max(fastest, speed);
+      before = q_cmd;
+      dq = speed;
     }
-    before = q_cmd;
+    EXPECT_NEAR(fastest, 0.25, 1e-9);
+    EXPECT_NEAR(pair.q_r, 0.1, 1e-9);
   }
-  EXPECT_NEAR(pair.q_r, 0.1, 1e-9);
+}
+
+TEST(Synchronisation, FollowsATwinThatMovesWithinItsLimitsWithoutDelay) {
+  Pair pair(1.0);
+  pair.dq_max[0] = 2;
+  pair.ddq_max = 20;
+  pair.start(0);
+  for (int k = 0; k < 3000; ++k) {
+    const double q_v = 0.5 * (1 - std::cos(3 * k * pair.h));  // 1.5 rad/s, 4.5 rad/s²
+    const double q_cmd = pair.cycle(q_v);
+    if (k > 400) {
+      ASSERT_NEAR(q_cmd, q_v, 1e-12) << k;
+    }
+  }
+}
+
+TEST(Synchronisation, ComesToRestWithItsAcceleration) {
+  Pair pair(1.0);
+  pair.dq_max[0] = 1;
+  pair.ddq_max = 10;
+  pair.start(0);
+  for (int k = 0; k < 1000; ++k) pair.cycle(0.4 * k * pair.h);
+  const double from = pair.synchronisation.last()[0];
+  for (int k = 0; k < 100; ++k) pair.synchronisation.rest(pair.gains(), pair.h);
+  EXPECT_NEAR(pair.synchronisation.last()[0], from + 0.4 * 0.4 / 20, 0.4 * pair.h);  // v²/2a
+  EXPECT_EQ(pair.synchronisation.share(), 0) << "what follows begins softly";
 }
 
 /// Commands and measurements of a moving pair get lost, in bursts of at most `burst`, and come up to a cycle late.

@@ -86,13 +86,6 @@ PoseInterpolatorSettings frame_interpolation_of(const ControllerSettings& s) {
           s.slack};
 }
 
-/// To the rounding of single floats, and what clients with little care for it send.
-bool is_nearly_rotation(const Eigen::Matrix3d& R) {
-  constexpr double kTolerance = 1e-3;
-  const Eigen::Matrix3d error = R * R.transpose() - Eigen::Matrix3d::Identity();
-  return (error.array().abs() < kTolerance).all() && R.determinant() > 0;  // false for NaN of huge elements
-}
-
 bool is_within(double value, double limit) { return value >= 0 && value <= limit; }
 
 }  // namespace
@@ -223,7 +216,7 @@ bool Controller::has_needed_fields() const {
 
 Fault Controller::use(std::int64_t index, std::int64_t arrival) {
   if (is_commanding(state_) && !has_needed_fields()) return Fault::kMissing;
-  if (received_.has(C::kPose) && !is_nearly_rotation(received_.X.R)) return Fault::kValue;
+  if (received_.has(C::kPose) && !fri::is_nearly_rotation(received_.X.R)) return Fault::kValue;
   if (state_ == SessionState::kCommandingActive) {
     if (const Drop drop = limit_exceeded(index); drop != Drop::kNone) {
       newest_ = index;

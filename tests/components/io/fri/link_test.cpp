@@ -80,6 +80,17 @@ struct Session {
     return -1;
   }
 
+  /// Until the soft start of commands is over.
+  void settle() {
+    for (int k = 0; k < 260; ++k) period();
+  }
+  void acknowledge() {
+    twin.set("acknowledge", "false");
+    period();
+    twin.set("acknowledge", "true");
+    period();
+  }
+
   Ports twin, robot;
   std::array<double, 7> q0{0, 0.3, 0, -1.2, 0, 0.9, 0};
   std::vector<double> q;
@@ -101,10 +112,10 @@ TEST_P(FriLink, FollowsTheTwinFromMonitoringToCommandsWithoutAStep) {
   std::vector<int> states;
   double largest_step = 0;
   std::vector<double> before(s.q0.begin(), s.q0.end());
-  for (int k = 0; k < 600; ++k) {
+  for (int k = 0; k < 1000; ++k) {
     if (k == 60) s.robot.set("request", "true");
-    // The twin is 0.2 rad away from the robot all the time: commanding must not begin with that step.
-    for (std::size_t i = 0; i < 7; ++i) s.twin.reals("q_command")[i] = s.q0[i] + 0.2;
+    // The twin is 0.8 rad away from the robot all the time: commanding must not begin with that step.
+    for (std::size_t i = 0; i < 7; ++i) s.twin.reals("q_command")[i] = s.q0[i] + 0.8;
     s.period();
     ASSERT_FALSE(HasFatalFailure());
     const std::span<const double> q_command = s.robot.reals("q_command");
@@ -127,13 +138,13 @@ TEST_P(FriLink, FollowsTheTwinFromMonitoringToCommandsWithoutAStep) {
   EXPECT_LE(largest_step, 3.141 * 0.002 * 1.001);
   EXPECT_GT(largest_step, 1.9 * 0.002) << "it approaches with the speed limit";
   for (std::size_t i = 0; i < 7; ++i) {
-    EXPECT_NEAR(s.robot.real("q_command", i), s.q0[i] + 0.2, rounding());
-    EXPECT_NEAR(s.twin.real("q", i), s.q0[i] + 0.2, rounding());
+    EXPECT_NEAR(s.robot.real("q_command", i), s.q0[i] + 0.8, rounding());
+    EXPECT_NEAR(s.twin.real("q", i), s.q0[i] + 0.8, rounding());
     EXPECT_NEAR(s.twin.real("q_own", i), s.q0[i], rounding()) << "the robot's own motion is without the client";
   }
   EXPECT_EQ(s.twin.integer("lost"), 0);
-  EXPECT_EQ(s.twin.integer("received"), 600);
-  EXPECT_EQ(s.robot.integer("in_time"), 599) << "the last answer is still on its way";
+  EXPECT_EQ(s.twin.integer("received"), 1000);
+  EXPECT_EQ(s.robot.integer("in_time"), 999) << "the last answer is still on its way";
   EXPECT_EQ(s.robot.integer("missing"), 0);
   EXPECT_EQ(s.robot.integer("drops"), 0);
 }
@@ -204,7 +215,18 @@ TEST_P(FriLink, HoldsWhenTheRobotIsSilentAndRecoversWithoutAStep) {
   std::vector<std::string> sentences;
   s.twin.instance.unit->tell(sentences);
   EXPECT_THAT(sentences, ::testing::Contains(::testing::HasSubstr("silent 1 times")));
-  // The robot goes on from where it is; the twin is 0.1 rad away meanwhile.
+  // The robot goes on from where it is when somebody has acknowledged; the twin is 0.1 rad away meanwhile.
+  const double rest = s.robot.real("q_command", 3);
+  for (int k = 0; k < 100; ++k) {
+    for (std::size_t i = 0; i < 7; ++i) s.twin.reals("q_command")[i] = s.q0[i] + 0.1;
+    s.period();
+    ASSERT_FALSE(HasFatalFailure());
+  }
+  EXPECT_TRUE(s.robot.boolean("active")) << "its program asks for commands again";
+  EXPECT_FALSE(s.twin.boolean("commanding"));
+  EXPECT_TRUE(s.twin.boolean("awaits_acknowledgement"));
+  EXPECT_NEAR(s.robot.real("q_command", 3), rest, 1e-6);
+  s.acknowledge();
   double before = s.robot.real("q_command", 3), largest = 0;
   for (int k = 0; k < 600; ++k) {
     for (std::size_t i = 0; i < 7; ++i) s.twin.reals("q_command")[i] = s.q0[i] + 0.1;
@@ -226,6 +248,7 @@ TEST_P(FriLink, StopsTheRobotWhenTheTwinIsSilentWithinTheDocumentedTime) {
   s.robot.set("stop_time", "0.1");
   s.start();
   ASSERT_GE(s.until_commanding(), 0);
+  s.settle();
   // The twin moves with 0.5 rad/s when it falls silent.
   double q = s.q0[0];
   for (int k = 0; k < 100; ++k) {
@@ -255,6 +278,8 @@ TEST_P(FriLink, StopsTheRobotWhenTheTwinIsSilentWithinTheDocumentedTime) {
   s.robot.set("request", "false");
   s.period();
   s.robot.set("request", "true");
+  EXPECT_EQ(s.until_commanding(), -1) << "nor by the robot's program alone";
+  s.acknowledge();
   EXPECT_GE(s.until_commanding(), 0);
 }
 
@@ -397,7 +422,7 @@ TEST_P(FriLink, CountsWhatALossyNetworkHasDone) {
   }
   s.down.set({});
   s.up.set({});
-  for (int k = 0; k < 20; ++k) s.period();
+  for (int k = 0; k < 100; ++k) s.period();
   EXPECT_EQ(s.robot.integer("drops"), 0);
   EXPECT_GT(s.robot.integer("bridged"), 50);
   EXPECT_GT(s.down.counts().overtaken, 20);

@@ -15,122 +15,16 @@
 
 #include "components/io/fri/fri.h"
 #include "models/foundation/net/udp_socket.h"
-#include "tests/components/io/ports.h"
+#include "tests/components/io/fri/rig.h"
 #include "tests/support/error_of.h"
 
 namespace cotwin::io {
 namespace {
 
-using fri::Protocol;
-using fri::SessionState;
-using M = fri::Monitoring;
-
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN(), kInfinity = std::numeric_limits<double>::infinity();
-constexpr double kSpeed = 0.5;                                  // rad/s, the default limit of commanded positions
-constexpr std::array kQ{0.1, 0.3, -0.2, -1.2, 0.4, 0.9, 0.05};  // rad, where the robot is
 
 /// Lets time pass on the host's clock.
 void pass(std::int64_t ns) { std::this_thread::sleep_for(std::chrono::nanoseconds(ns)); }
-
-/// The twin and a robot at rest whose messages come each 2 ms.
-struct Rig {
-  explicit Rig(Protocol p, const std::string& mode = "position")
-      : protocol(p),
-        twin(std::string("robot=lwr4&link=fri&protocol=") + fri::to_text(p)),
-        robot(net::Endpoint{0x7f000001, 0}, "test") {
-    twin.set("address", "127.0.0.1");
-    twin.set("port", "0");
-    twin.set("mode", mode);
-    twin.set("dq_cutoff", "0");
-    std::ranges::copy(kQ, twin.reals("q_command").begin());
-    m.joints = 7;
-    m.fields = M::kMeasuredPosition | M::kMeasuredTorque | M::kExternalTorque | M::kTime | M::kDriveStates | M::kSafetyState |
-               M::kControlMode | M::kOperationMode;
-    m.quality = fri::Quality::kExcellent;
-    m.send_period = 0.002;
-    m.state = SessionState::kMonitoringReady;
-    m.command_mode = fri::ClientCommandMode::kPosition;
-    m.time = 1'000'000'000'000;
-    put(kQ);
-  }
-
-  /// Measured and commanded position of the robot.
-  void put(const std::array<double, 7>& q) {
-    std::ranges::copy(q, m.q_measured.begin());
-    std::ranges::copy(q, m.q_commanded.begin());
-    std::ranges::copy(q, m.q_interpolator.begin());
-  }
-  void start() { twin.instance.unit->initialise(Time{}); }
-
-  std::vector<std::uint8_t> message() {
-    if (protocol < Protocol::kSunrise2_5) m.fields |= M::kCommandedPosition;
-    const bool commanding = fri::is_commanding(m.state);
-    m.fields &= ~std::uint32_t{M::kInterpolatorPosition | M::kCommandMode | M::kOverlay | M::kTracking};
-    if (commanding) m.fields |= M::kInterpolatorPosition | M::kCommandMode;
-    m.fields |= extra;
-    m.fields &= ~std::uint32_t{without};
-    std::vector<std::uint8_t> bytes(fri::kMaxDatagram);
-    bytes.resize(fri::encode(protocol, m, bytes));
-    ++m.counter;
-    m.time += static_cast<std::int64_t>(m.send_period * 1e9);
-    return bytes;
-  }
-  void send(std::span<const std::uint8_t> bytes) { robot.send(bytes, twin.datagrams().local()); }
-
-  /// A step of the twin, before which the robot's message comes or not. True if there was an answer, which is then in `command`.
-  bool period(bool comes = true) {
-    const auto bytes = message();
-    if (comes) send(bytes);
-    return step(comes ? 1 : 0);
-  }
-  bool step(std::size_t datagrams) {
-    EXPECT_TRUE(twin.has(datagrams));
-    const int answers = twin.integer("answers");
-    EXPECT_EQ(twin.instance.unit->step(Time{n * h.ns}, h), StepResult::kDone);
-    ++n;
-    for (const char* name : {"q", "dq", "ddq", "tau", "tau_e", "q_robot", "q_own", "q_sent", "e", "F_e", "p", "quat", "t_robot",
-                             "period", "jitter", "round_trip"}) {
-      for (const double value : twin.reals(name)) EXPECT_TRUE(std::isfinite(value)) << name;
-    }
-    bool answered = false;
-    for (int k = answers; k < twin.integer("answers"); ++k) answered = read_command() || answered;
-    return answered;
-  }
-  bool read_command() {
-    std::vector<std::uint8_t> bytes(2048);
-    const std::int64_t deadline = monotonic_now() + kPatience;
-    while (monotonic_now() < deadline) {
-      const auto received = robot.receive(bytes);
-      if (!received) continue;
-      const fri::Fault fault = fri::decode(protocol, std::span(bytes).first(received->size), 7, command);
-      EXPECT_EQ(fault, fri::Fault::kNone);
-      return fault == fri::Fault::kNone;
-    }
-    ADD_FAILURE() << "no command came";
-    return false;
-  }
-  /// Until the robot takes commands.
-  void begin() {
-    start();
-    for (int k = 0; k < 3; ++k) period();
-    m.state = SessionState::kCommandingWait;
-    if (protocol != Protocol::kLwr) period();
-    m.state = SessionState::kCommandingActive;
-    period();
-    ASSERT_TRUE(twin.boolean("commanding"));
-  }
-  /// rad, of the numbers on the wire.
-  double rounding() const { return protocol == Protocol::kLwr ? 3e-7 : 1e-12; }
-
-  Protocol protocol;
-  Ports twin;
-  net::UdpSocket robot;
-  M m;
-  fri::Command command;
-  std::uint32_t extra = 0, without = 0;  // fields of the messages
-  Duration h{2'000'000};
-  std::int64_t n = 0;
-};
 
 class FriSafety : public ::testing::TestWithParam<Protocol> {};
 INSTANTIATE_TEST_SUITE_P(Protocols, FriSafety,
@@ -164,16 +58,17 @@ TEST_P(FriSafety, NeverSendsWhatIsNotFiniteAndKeepsTheSpeedLimitAfterwards) {
   for (const double bad : {kNaN, kInfinity, -kInfinity, 1e300}) {
     Rig rig(GetParam());
     rig.begin();
+    rig.settle();
     double before = rig.command.q[2];
-    for (int k = 0; k < 60; ++k) {
+    for (int k = 0; k < 80; ++k) {
       const double target = kQ[2] + 0.5;  // half a radian away from k = 40 on
-      rig.twin.reals("q_command")[2] = k % 20 == 10 || (k > 30 && k < 36) ? bad : k < 40 ? kQ[2] : target;
+      rig.twin.reals("q_command")[2] = k < 60 && (k % 20 == 10 || (k > 30 && k < 36)) ? bad : k < 40 ? kQ[2] : target;
       ASSERT_TRUE(rig.period());
       for (std::size_t i = 0; i < 7; ++i) ASSERT_TRUE(std::isfinite(rig.command.q[i]));
       ASSERT_LE(std::abs(rig.command.q[2] - before), kSpeed * rig.m.send_period * 1.001 + rig.rounding()) << "period " << k;
       before = rig.command.q[2];
     }
-    EXPECT_GT(before, kQ[2] + 18 * kSpeed * rig.m.send_period) << "it moves to the new target afterwards";
+    EXPECT_GT(before, kQ[2] + 25 * kSpeed * rig.m.send_period) << "it moves to the new target afterwards";
     EXPECT_EQ(rig.twin.integer("refused"), 3 + 5 - 0);
     EXPECT_THAT(rig.twin.instance.variables.at("warning").strings()[0], ::testing::HasSubstr("not finite"));
   }
@@ -184,8 +79,9 @@ TEST_P(FriSafety, HoldsTorquesThatAreNotFinite) {
   rig.m.command_mode = fri::ClientCommandMode::kTorque;
   std::ranges::fill(rig.twin.reals("tau_command"), 2.5);
   rig.begin();
-  rig.period();
   ASSERT_TRUE(rig.command.has(fri::Command::kTorque));
+  ASSERT_LT(rig.command.tau[3], 0.1) << "torques rise as the soft start goes on";
+  rig.settle();
   ASSERT_EQ(rig.command.tau[3], 2.5);
   for (const double bad : {kNaN, kInfinity, 1e39}) {
     rig.twin.reals("tau_command")[3] = bad;
@@ -201,6 +97,7 @@ TEST(FriLwrSafety, HoldsAPoseThatIsNoneAndItsSpeedLimit) {
   for (Pose* X : {&rig.m.X_measured, &rig.m.X_commanded, &rig.m.X_interpolator}) X->p = {0.5, 0, 0.6};
   std::ranges::copy(std::array{0.5, 0.0, 0.6}, rig.twin.reals("p_command").begin());
   rig.begin();
+  rig.settle();
   const double step = 0.25 * 0.002;  // v_command_max, m
   Eigen::Vector3d before = rig.command.X.p;
   for (int k = 0; k < 40; ++k) {
@@ -214,31 +111,6 @@ TEST(FriLwrSafety, HoldsAPoseThatIsNoneAndItsSpeedLimit) {
   }
   EXPECT_NEAR(before.y(), 40 * step, 2 * step);
   EXPECT_EQ(rig.twin.integer("refused"), 12);
-}
-
-TEST_P(FriSafety, BeginsAtTheRobotAfterALossWhenItHasMovedMeanwhile) {
-  Rig rig(GetParam());
-  rig.begin();
-  for (int k = 0; k < 20; ++k) rig.period();
-  while (rig.twin.boolean("connected")) rig.period(false);
-  EXPECT_EQ(rig.twin.integer("losses"), 1);
-  // By hand, to another place; the robot's program commands again before the twin hears of it.
-  std::array<double, 7> moved = kQ;
-  for (double& q : moved) q += 0.4;
-  rig.put(moved);
-  rig.m.q_interpolator = {};  // Sunrise: its own motion is somewhere else
-  if (GetParam() == Protocol::kLwr) std::ranges::copy(moved, rig.m.q_interpolator.begin());
-  std::vector<double> before(moved.begin(), moved.end());
-  for (int k = 0; k < 50; ++k) {
-    if (!rig.period()) continue;
-    for (std::size_t i = 0; i < 7; ++i) {
-      ASSERT_LE(std::abs(rig.command.q[i] - before[i]), kSpeed * 0.002 * 1.001 + rig.rounding()) << "period " << k;
-      before[i] = rig.command.q[i];
-    }
-  }
-  EXPECT_TRUE(rig.twin.boolean("commanding"));
-  EXPECT_NEAR(before[0], moved[0] - 49 * kSpeed * 0.002, 2 * kSpeed * 0.002) << "towards the twin";
-  EXPECT_EQ(rig.twin.integer("restarts"), 0) << "a loss, no restart";
 }
 
 TEST_P(FriSafety, SeesARestartOfTheRobotWithinTheTimeoutWithoutASpike) {
@@ -420,8 +292,9 @@ TEST_P(FriSafety, MovesTheCommandByTheSpeedLimitAndTheTimeSinceTheLastAnswerAtMo
   for (const int gap : {0, 1, 4, 9, 30}) {
     Rig rig(GetParam());
     rig.begin();
+    rig.settle();
     rig.twin.reals("q_command")[5] = kQ[5] + 1;
-    for (int k = 0; k < 5; ++k) rig.period();
+    for (int k = 0; k < 20; ++k) rig.period();
     const double before = rig.command.q[5];
     for (int k = 0; k < gap; ++k) rig.period(false);
     ASSERT_TRUE(rig.period());
@@ -637,11 +510,11 @@ TEST(FriSunriseSafety, HoldsWhenTheRobotDoesNotAskForTheQuantityOfTheMode) {
     rig.m.state = SessionState::kCommandingWait;
     rig.period();
     rig.m.state = SessionState::kCommandingActive;
-    for (int k = 0; k < 10; ++k) rig.period();
+    rig.settle();
     const std::string name = std::string(mode) + ' ' + std::to_string(static_cast<int>(asked));
     EXPECT_EQ(rig.twin.boolean("commanding"), follows) << name;
     EXPECT_EQ(rig.twin.real("tau_e"), follows ? 2 : 0) << name;
-    EXPECT_NEAR(rig.twin.real("q_sent"), kQ[0] + (follows ? 10 * kSpeed * 0.002 : 0), 1e-9) << name;
+    EXPECT_NEAR(rig.twin.real("q_sent"), kQ[0] + (follows ? 0.13 : 0), follows ? 0.01 : 1e-9) << name;
     const std::string warning = rig.twin.instance.variables.at("warning").strings()[0];
     EXPECT_EQ(warning.find("did not ask for the quantity of mode") != std::string::npos, !follows) << name;
     EXPECT_EQ(warning.find("did not ask"), warning.rfind("did not ask")) << "once";

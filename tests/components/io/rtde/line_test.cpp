@@ -126,6 +126,14 @@ struct Beside {
   bool connects() {
     return until([&] { return twin.boolean("connected"); });
   }
+  /// `acknowledge` rises in the next period.
+  void acknowledge() {
+    twin.set("acknowledge", "false");
+    period();
+    twin.set("acknowledge", "true");
+    period();
+  }
+  double request() { return robot.controller.at("input_int_register_25"); }
   double command(std::size_t i) { return robot.controller.at("input_double_register_24", i); }
 };
 
@@ -181,7 +189,8 @@ TEST(RtdeLink, BeginsAtTheRobotThoughItsProgramFollowsAlready) {
     ASSERT_TRUE(s.until([&] { return s.robot.controller.statistics().received > before; }));
     for (std::size_t i = 0; i < 6; ++i) EXPECT_NEAR(s.command(i), s.robot.q[i], 0.5 * 0.002 * 3);
     s.periods(5);
-    EXPECT_TRUE(s.twin.boolean("commanding"));
+    EXPECT_EQ(s.twin.boolean("commanding"), session == 0) << "after a loss it asks for rest until somebody acknowledges";
+    EXPECT_EQ(s.request(), session == 0 ? 1 : 0);
     // It is moved while the connection is set up again; the clock waits meanwhile, so that the twin makes no step.
     s.robot.hang_up();
     for (double& q : s.robot.q) q += 1;
@@ -198,6 +207,98 @@ TEST(RtdeLink, BeginsAtTheRobotThoughItsProgramFollowsAlready) {
   }
 }
 
+// Killed and started again at q₁ = 0.3, moved while it stood still, or with another clock: the robot gets its own position and no request, whatever
+// its program does, until somebody acknowledges.
+TEST(RtdeLink, ALossARestartOrAJumpIsFollowedByNothingUntilItIsAcknowledged) {
+  for (const std::string event : {"restart", "jump", "clock", "stop", "pause"}) {
+    SCOPED_TRACE(event);
+    Beside s;
+    s.robot.q[0] = 0;
+    s.start();
+    ASSERT_TRUE(s.connects());
+    s.periods(5);
+    ASSERT_EQ(s.request(), 1);
+    s.robot.say(2);
+    s.periods(260);
+    ASSERT_TRUE(s.twin.boolean("commanding"));
+    if (event == "restart") {
+      s.robot.hang_up();
+      s.robot.t = 0;
+      s.robot.q[0] = 0.3;
+      ASSERT_TRUE(s.until([&] { return s.twin.integer("connections") == 2; }));
+    } else if (event == "jump") {
+      s.robot.q[0] = 0.3;
+    } else if (event == "clock") {
+      s.robot.t = 0;
+    } else {
+      s.robot.say(event == "stop" ? 3 : 2, event == "stop" ? 2 : 4);
+      s.periods(3);
+      for (int k = 0; k < 150; ++k) {  // by hand, slowly
+        s.robot.q[0] += 0.002;
+        s.period();
+      }
+      s.robot.say(event == "stop" ? 3 : 2);
+    }
+    for (int k = 0; k < 100; ++k) {
+      s.period();
+      ASSERT_EQ(s.request(), 0) << k;
+      ASSERT_EQ(s.command(0), s.robot.q[0]) << k;
+    }
+    EXPECT_TRUE(s.twin.boolean("awaits_acknowledgement"));
+    EXPECT_FALSE(s.twin.boolean("commanding"));
+    EXPECT_THAT(s.twin.text("warning"), HasSubstr("until acknowledge rose"));
+    s.robot.say(1);  // what the program makes of a request that has ended
+    s.acknowledge();
+    EXPECT_EQ(s.request(), 1);
+    EXPECT_EQ(s.command(0), s.robot.q[0]);
+    s.robot.say(2);
+    double before = s.command(0), speed = 0;
+    for (int k = 0; k < 600; ++k) {
+      s.period();
+      const double now = (s.command(0) - before) / 0.002;
+      ASSERT_LE(std::abs(now), 0.5 * std::min(1.0, (k + 2) * 0.002 / 0.5) + 1e-9) << k;
+      ASSERT_LE(std::abs(now - speed), 20 * 0.002 + 1e-9) << k;
+      before = s.command(0);
+      speed = now;
+    }
+    EXPECT_NEAR(before, 0, 1e-9) << "where the twin is";
+  }
+}
+
+TEST(RtdeLink, AnAcknowledgementCountsOnlyWhileTheRobotIsReady) {
+  Beside s;
+  s.start();
+  ASSERT_TRUE(s.connects());
+  s.robot.say(2);
+  s.periods(5);
+  s.robot.say(2, 4);
+  s.periods(5);
+  s.acknowledge();
+  EXPECT_TRUE(s.twin.boolean("awaits_acknowledgement"));
+  s.robot.say(1);
+  s.periods(5);
+  EXPECT_EQ(s.request(), 0);
+  s.acknowledge();
+  EXPECT_FALSE(s.twin.boolean("awaits_acknowledgement"));
+  EXPECT_EQ(s.request(), 1);
+}
+
+TEST(RtdeLink, GoesOnByItselfOnlyIfItIsAskedTo) {
+  Beside s;
+  s.twin.set("restart", "automatic");
+  s.start();
+  ASSERT_TRUE(s.connects());
+  s.robot.say(2);
+  s.periods(5);
+  s.robot.say(3);
+  s.periods(2);
+  EXPECT_EQ(s.request(), 0) << "the program needs the end of the request";
+  s.robot.say(1);
+  s.periods(2);
+  EXPECT_EQ(s.request(), 1);
+  EXPECT_FALSE(s.twin.boolean("awaits_acknowledgement"));
+}
+
 TEST(RtdeLink, HoldsARegisterWithoutANumberAndItsSpeedLimit) {
   Beside s;
   s.twin.set("registers", "true");
@@ -205,9 +306,10 @@ TEST(RtdeLink, HoldsARegisterWithoutANumberAndItsSpeedLimit) {
   ASSERT_TRUE(s.connects());
   s.periods(5);
   s.robot.say(2);
+  s.periods(260);  // the soft start
   s.twin.reals("q_command")[0] += 2;
   s.twin.reals("double_command")[20] = 0.75;
-  s.periods(5);
+  s.periods(20);
   double before = s.command(0);
   const int sent = s.twin.integer("sent");
   for (int k = 0; k < 100; ++k) {
@@ -230,7 +332,7 @@ TEST(RtdeLink, KeepsItsSpeedLimitOverCommandsThatTheNetworkDidNotTake) {
   ASSERT_TRUE(s.connects());
   s.periods(5);
   s.robot.say(2);
-  s.periods(5);
+  s.periods(260);  // the soft start
   s.twin.reals("q_command")[0] += 2;
   for (const bool full : {true, false}) {
     network_is_full = full;
@@ -246,7 +348,8 @@ TEST(RtdeLink, KeepsItsSpeedLimitOverCommandsThatTheNetworkDidNotTake) {
     }
   }
   EXPECT_EQ(s.twin.integer("unsent"), 24);  // one waits for the network
-  EXPECT_NEAR(s.command(0), s.robot.q[0] + 0.5 * 50 * 0.002, 1e-9);
+  // 20 rad/s² for twelve cycles, then 0.5 rad/s.
+  EXPECT_NEAR(s.command(0), s.robot.q[0] + (20 * 0.002 * 78 + 0.5 * 38) * 0.002, 1e-9);
 }
 #endif
 

@@ -79,6 +79,12 @@ struct Session {
   bool connects() {
     return until([&] { return twin.boolean("connected"); });
   }
+  void acknowledge() {
+    twin.set("acknowledge", "false");
+    period();
+    twin.set("acknowledge", "true");
+    period();
+  }
   bool commands() {
     return until([&] { return twin.boolean("commanding") && robot.boolean("active"); });
   }
@@ -191,6 +197,12 @@ TEST(RtdeLink, StopsTheRobotWhenTheTwinIsSilentAndGoesOnWhenItComesBack) {
   // The twin has moved on meanwhile.
   s.twin.reals("q_command")[1] = last - 0.5;
   s.fastest = 0;
+  const double rest = s.q[1];
+  s.periods(300);
+  EXPECT_TRUE(s.twin.boolean("awaits_acknowledgement"));
+  EXPECT_EQ(s.robot.integer("state"), 1);
+  EXPECT_EQ(s.q[1], rest);
+  s.acknowledge();
   ASSERT_TRUE(s.commands());
   s.periods(1500);
   EXPECT_NEAR(s.q[1], last - 0.5, 1e-6);
@@ -237,6 +249,9 @@ TEST(RtdeLink, HoldsWhileCommandIsFalseAndWhileTheRobotIsNotReady) {
   const double rest = s.q[0];
   s.robot.set("ready", "true");
   s.fastest = 0;
+  s.periods(300);
+  EXPECT_EQ(s.q[0], rest) << "nobody has acknowledged the stop";
+  s.acknowledge();
   ASSERT_TRUE(s.commands());
   EXPECT_NEAR(s.q[0], rest, 0.05);
   s.periods(600);
@@ -249,17 +264,25 @@ TEST(RtdeLink, ComesBackWhenTheControllerHasStartedAgain) {
   ASSERT_TRUE(s.commands());
   const std::string port = std::to_string(s.robot.integer("listening_port"));
   s.robot.set("port", port);
-  s.q[3] += 0.2;  // it was moved meanwhile
+  s.q[0] += 0.3;  // it was moved meanwhile
   s.robot.instance.unit->initialise(Time{});
   std::ranges::copy(s.q, s.robot.reals("q").begin());
   s.robot.instance.unit->initialise(Time{});
   const std::vector<double> again = s.q;
-  std::ranges::copy(again, s.twin.reals("q_command").begin());
   ASSERT_TRUE(s.until([&] { return !s.twin.boolean("connected"); }));
   EXPECT_EQ(s.twin.integer("losses"), 1);
   for (std::size_t i = 0; i < 6; ++i) EXPECT_EQ(s.twin.real("dq", i), 0);
+  ASSERT_TRUE(s.connects());
+  s.periods(300);
+  for (std::size_t i = 0; i < 6; ++i) EXPECT_EQ(s.q[i], again[i]) << "it rests until somebody acknowledges";
+  EXPECT_FALSE(s.robot.boolean("active"));
+  s.fastest = 0;
+  s.acknowledge();
   ASSERT_TRUE(s.commands());
-  for (std::size_t i = 0; i < 6; ++i) EXPECT_NEAR(s.q[i], again[i], 1e-9);
+  s.periods(50);
+  EXPECT_LT(s.fastest, 3.14 * 0.25) << "a soft start";
+  s.periods(1000);
+  for (std::size_t i = 0; i < 6; ++i) EXPECT_NEAR(s.q[i], s.twin.real("q_command", i), 1e-6);
   EXPECT_GE(s.twin.integer("connections"), 2);
 }
 

@@ -1,0 +1,151 @@
+// What the messages of a KUKA robot are answered: fri_link.h.
+#include <Eigen/Geometry>
+#include <algorithm>
+
+#include "components/io/fri/finite.h"
+#include "components/io/links/fri_link.h"
+
+namespace cotwin::io {
+
+namespace {
+
+constexpr double kMostBridged = 10;  // command periods without an answer that the robot bridges by extrapolation
+constexpr double kLeastNorm = 1e-6;  // of a quaternion
+
+/// Writes values if all are usable.
+template <class From, class To>
+bool take_usable(const From& from, To& to) {
+  if (!std::ranges::all_of(from, fri::is_usable)) return false;
+  std::ranges::copy(from, to.begin());
+  return true;
+}
+
+Pose pose_of(const std::array<double, 3>& p, const std::array<double, 4>& quat) {
+  const Eigen::Quaterniond Q(quat[0], quat[1], quat[2], quat[3]);
+  return {Q.normalized().toRotationMatrix(), {p[0], p[1], p[2]}};
+}
+
+/// The pose on the way from `from` to `to` that is at most `distance` (m) and `angle` (rad) away.
+Pose approach(const Pose& from, const Pose& to, double distance, double angle) {
+  Pose X = to;
+  const Eigen::Vector3d way = to.p - from.p;
+  if (const double length = way.norm(); length > distance) X.p = from.p + way * (distance / length);
+  const Eigen::AngleAxisd turn(Eigen::Matrix3d(from.R.transpose() * to.R));
+  if (turn.angle() > angle) X.R = from.R * Eigen::AngleAxisd(angle, turn.axis()).toRotationMatrix();
+  return X;
+}
+
+}  // namespace
+
+/// Takes the inputs that are usable. Whether all are.
+bool FriLink::take_inputs(const Command& command) {
+  bool all = true;
+  if (mode_ == Mode::kCartesianImpedance) {
+    const Eigen::Map<const Eigen::Vector4d> quat(quat_command_.data());
+    const bool place = std::ranges::all_of(p_command_, fri::is_usable) && std::ranges::all_of(quat_command_, fri::is_usable) &&
+                       quat.norm() > kLeastNorm;
+    if (place) {
+      inputs_.p = p_command_;
+      inputs_.quat = quat_command_;
+    }
+    inputs_.has_place = inputs_.has_place || place;
+    all = place;
+  } else {
+    const bool place = take_usable(command.q, inputs_.q);
+    inputs_.has_place = inputs_.has_place || place;
+    all = place;
+  }
+  if (mode_ == Mode::kTorque || mode_ == Mode::kJointImpedance) all = take_usable(command.tau, inputs_.tau) && all;
+  if (mode_ == Mode::kWrench || mode_ == Mode::kCartesianImpedance) all = take_usable(F_command_, inputs_.F) && all;
+  return all;
+}
+
+void FriLink::choose_command() {
+  const fri::Monitoring& m = client_->monitoring();
+  const std::int64_t newest = client_->statistics().monitoring.newest();
+  const double cycle = m.send_period * m.receive_multiplier;
+  const double since =
+      answered_ >= 0 ? m.send_period * static_cast<double>(std::max<std::int64_t>(newest - answered_, 0)) : cycle;
+  const double elapsed = std::min(since, kMostBridged * cycle);
+  answered_ = newest;
+  wanted_.joints = static_cast<std::uint32_t>(n_);
+  wanted_.fields = fri::Command::kPosition;
+  if (mode_ == Mode::kTorque || mode_ == Mode::kJointImpedance) wanted_.fields |= fri::Command::kTorque;
+  if (mode_ == Mode::kWrench) wanted_.fields |= fri::Command::kWrench;
+  if (mode_ == Mode::kJointImpedance) wanted_.fields |= fri::Command::kJointStiffness | fri::Command::kJointDamping;
+  if (mode_ == Mode::kCartesianImpedance) {
+    wanted_.fields =
+        fri::Command::kPose | fri::Command::kWrench | fri::Command::kCartesianStiffness | fri::Command::kCartesianDamping;
+  }
+  take_usable(stiffness_, wanted_.joint_stiffness);
+  take_usable(damping_, wanted_.joint_damping);
+  take_usable(cartesian_stiffness_, wanted_.cartesian_stiffness);
+  take_usable(cartesian_damping_, wanted_.cartesian_damping);
+  krl_command_.write(wanted_.krl);
+  writes_.write(wanted_.ios);
+  follow(elapsed);
+}
+
+/// What the mode commands, one of fri::Command::fields.
+std::uint32_t FriLink::quantity() const {
+  switch (mode_) {
+    case Mode::kTorque:
+      return fri::Command::kTorque;
+    case Mode::kWrench:
+      return fri::Command::kWrench;
+    case Mode::kCartesianImpedance:
+      return fri::Command::kPose;
+    default:
+      return fri::Command::kPosition;
+  }
+}
+
+/// Whether the robot may follow the inputs in the state of the newest message.
+bool FriLink::may_follow() const {
+  if (!command_ || waiting_ || refuses_ || !inputs_.has_place || acknowledgement_.awaits()) return false;
+  return mode_ != Mode::kCartesianImpedance || fri::is_nearly_rotation(wanted_.X.R);
+}
+
+void FriLink::follow(double elapsed) {
+  const fri::Monitoring& m = client_->monitoring();
+  const Synchronisation::Gains gains{K_P_, K_D_, dq_command_max_, ddq_command_max_};
+  const bool own = m.has(fri::Monitoring::kInterpolatorPosition) && protocol_ != fri::Protocol::kLwr;
+  const fri::Joints& place = m.has(fri::Monitoring::kCommandedPosition) ? m.q_commanded : m.q_measured;
+  const fri::Joints& robot = own ? m.q_interpolator : place;
+  const bool commanding = client_->commanding() && drives();
+  if (following_ && !commanding) demand_acknowledgement();
+  if (!commanding) {
+    synchronisation_.start({robot.data(), n_});
+    wanted_.X = m.X_commanded;
+  } else if (begins_) {
+    synchronisation_.start({place.data(), n_});
+    wanted_.X = m.X_commanded;
+  } else if (!following_) {
+    // Commanding begins at the last position sent before it.
+    const fri::Command& sent = client_->sent();
+    synchronisation_.start({sent.has(fri::Command::kPosition) ? sent.q.data() : robot.data(), n_});
+    if (sent.has(fri::Command::kPose)) wanted_.X = sent.X;
+  }
+  following_ = commanding;
+  refuses_ = commanding && (client_->taken() & quantity()) == 0;
+  follows_ = commanding && may_follow();
+  begins_ = false;
+  wanted_.tau = {};
+  wanted_.F.setZero();
+  if (follows_) {
+    synchronisation_.command(inputs_.q, gains, elapsed);
+    synchronisation_.measure(inputs_.q, {m.q_measured.data(), n_}, gains, elapsed);
+    const double share = synchronisation_.share();
+    std::ranges::transform(inputs_.tau, wanted_.tau.begin(), [&](double tau) { return share * tau; });
+    wanted_.F = share * Eigen::Map<const Wrench>(inputs_.F.data());
+    if (mode_ == Mode::kCartesianImpedance) {
+      const double time = share * elapsed;
+      wanted_.X = approach(wanted_.X, pose_of(inputs_.p, inputs_.quat), v_command_max_ * time, w_command_max_ * time);
+    }
+  } else if (commanding) {
+    synchronisation_.rest(gains, elapsed);
+  }
+  std::ranges::copy(synchronisation_.last(), wanted_.q.begin());
+}
+
+}  // namespace cotwin::io
