@@ -66,7 +66,7 @@ void RtdeControllerLink::declare(Variables& v, JointVariables& joints) {
   v.output("active", active_, "whether the robot follows a client");
   v.output("state", state_,
            "of the program that follows registers: 0 off, 1 waiting, 2 following, 3 stopped after a loss of commands, 4 "
-           "commands too far");
+           "commands too far, 5 waiting for the end of a request from before");
   v.output("losses", losses_, "how often the robot stopped because of lost commands");
   v.output("clients", clients_, "clients that are started");
   v.output("listening_port", listening_port_, "TCP port of the controller");

@@ -162,38 +162,44 @@ TEST(RtdeRobot, FollowsATwinInAnotherProcess) {
 }
 
 /// The program for a robot is run in Python, whose blocks are those of URScript but for `end`.
-TEST(RtdeRobot, ItsProgramStopsWhenTheRobotWasMovedInAPause) {
+TEST(RtdeRobot, ItsProgramStopsWhenTheRobotWasMovedInAPauseAndNeverGoesOnByItself) {
   if (!has_python()) GTEST_SKIP() << "needs python3";
   const TemporaryFolder folder("script");
   std::ofstream(folder.path() / "script") << run_program({"robot", "--rtde-script"}).out;
   std::ofstream(folder.path() / "run.py") << R"(
 import sys
 lines = [l for l in open(sys.argv[1]) if l.strip() != "end"]
-robot, goal, states, stops, cycle, last = [0.0] * 6, [0.0] * 6, {}, [], 0, 0
+robot, goal, states, stops, cycle, last, request = [0.0] * 6, [0.0] * 6, {}, [], 0, 0, 1
 class Done(Exception): pass
 def step():
-    global cycle, last
+    global cycle, last, request
     cycle += 1
+    if cycle == 10: request = 0                 # it was there when the program began
+    if cycle == 12: request = 1
     if 20 <= cycle < 70: goal[2] += 0.002       # 1 rad/s
     if cycle == 100: robot[2] += 0.5            # by hand, while the program was paused
+    if cycle == 150: goal[2] = robot[2]         # the client comes near, but does not ask again
+    if cycle == 195: request = 0
+    if cycle == 198: request = 1
     if cycle == 200: goal[2] = last = robot[2] + 0.05
     if cycle == 300: goal[2] = float("nan")
-    if cycle == 400: raise Done
+    if cycle == 400: robot[2] += 0.02; robot[1] += 0.02   # less than `near`, but a jump
+    if cycle == 450: raise Done
 def servoj(q, a, v, t, lookahead, gain):
     for i in range(6): robot[i] += min(t / lookahead, 1) * (q[i] - robot[i])
     step()
 env = dict(get_steptime=lambda: 0.002, norm=abs, sync=step, servoj=servoj,
            get_target_joint_positions=lambda: list(robot), stopj=lambda a: stops.append(cycle),
-           read_input_integer_register=lambda i: cycle if i == 24 else 1, read_input_float_register=lambda i: goal[i - 24],
+           read_input_integer_register=lambda i: cycle if i == 24 else request, read_input_float_register=lambda i: goal[i - 24],
            write_output_integer_register=lambda i, x: states.__setitem__((cycle, i), x))
 try:
     exec("".join(lines), env)
 except Done:
     pass
-print(*[states[(k, 25)] for k in (50, 99, 101, 199, 250, 399)], *stops, last > 0.5 and abs(robot[2] - last) < 1e-4)
+print(*[states[(k, 25)] for k in (5, 11, 50, 99, 101, 194, 197, 250, 399, 401, 449)], *stops, last > 0.5, abs(robot[2] - last - 0.02) < 1e-4)
 )";
   const RunResult run = run_command({"python3", folder.path() / "run.py", folder.path() / "script"});
-  EXPECT_EQ(run.out, "2 2 4 4 2 2 100 True\n") << run.err;
+  EXPECT_EQ(run.out, "5 1 2 2 4 4 1 2 2 4 4 100 400 True True\n") << run.err;
 }
 
 TEST(RtdeRobot, PrintsTheProgramForARobot) {

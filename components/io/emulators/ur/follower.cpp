@@ -32,19 +32,17 @@ void Follower::choose_state(const Controller& c, double h, bool running) {
     state_ = FollowState::kOff;
   } else if (!request) {
     state_ = FollowState::kWaiting;
-  } else if (state_ == FollowState::kFollowing) {
-    if (since_ > settings_.loss_time) {
-      state_ = FollowState::kLost;
-      ++losses_;
-    }
-  } else if (fresh) {
+  } else if (state_ == FollowState::kOff) {
+    state_ = FollowState::kHeld;
+  } else if (state_ == FollowState::kFollowing && since_ > settings_.loss_time) {
+    state_ = FollowState::kLost;
+    ++losses_;
+  } else if (state_ == FollowState::kWaiting && fresh) {
     bool near = true;
     for (std::size_t i = 0; i < kJoints; ++i) {
       near = near && dq_[i] == 0 && std::abs(value(c, kCommand, i) - q_[i]) <= settings_.near;
     }
     state_ = near ? FollowState::kFollowing : FollowState::kFar;
-  } else if (state_ == FollowState::kOff) {
-    state_ = FollowState::kWaiting;
   }
 }
 

@@ -13,6 +13,8 @@ namespace cotwin::rtde {
 ///   input int 25            1: the robot shall follow; 0: it shall rest
 ///   output int 24           the counter that the program has read last
 ///   output int 25           FollowState
+/// Only a request that begins while the program waits is followed: after kLost, kFar and kHeld it has to end first. So a robot that stopped
+/// or started again does not move before its client has decided so.
 inline constexpr int kFirstRegister = 24;
 using Joints = std::array<double, kJoints>;
 
@@ -20,8 +22,9 @@ enum class FollowState : std::int32_t {
   kOff,        // the program does not run
   kWaiting,    // for a request and a new command
   kFollowing,  // commands
-  kLost,       // no new command for loss_time: at rest until there is one near the robot again
-  kFar         // commands are further than `near` from the robot; it rests
+  kLost,       // no new command for loss_time: at rest
+  kFar,        // the first command was further than `near` from the robot: at rest
+  kHeld        // the request was there before the program: at rest
 };
 
 struct FollowerSettings {

@@ -455,6 +455,13 @@ struct Follow {
     controller.at("input_int_register_25") = 1;
     follower.start({}, controller);
   }
+  /// The request ends and begins again.
+  void request() {
+    controller.at("input_int_register_25") = 0;
+    cycle(last[0]);
+    EXPECT_EQ(follower.state(), FollowState::kWaiting);
+    controller.at("input_int_register_25") = 1;
+  }
   void cycle(double q, bool fresh = true, bool running = true) {
     if (fresh) controller.at("input_int_register_24") = ++counter;
     for (std::size_t i = 0; i < 6; ++i) controller.at("input_double_register_24", i) = q;
@@ -469,6 +476,9 @@ struct Follow {
 
 TEST(RtdeFollower, FollowsNearCommandsWithinTheLimits) {
   Follow f;
+  for (int k = 0; k < 10; ++k) f.cycle(0);
+  EXPECT_EQ(f.follower.state(), FollowState::kHeld) << "the request was there before the program";
+  f.request();
   f.cycle(0);
   EXPECT_EQ(f.follower.state(), FollowState::kFollowing);
   for (int k = 1; k <= 2000; ++k) f.cycle(std::min(0.001 * k, 1.0));
@@ -481,15 +491,20 @@ TEST(RtdeFollower, FollowsNearCommandsWithinTheLimits) {
 
 TEST(RtdeFollower, RestsWhenTheFirstCommandIsFar) {
   Follow f;
+  f.request();
   for (int k = 0; k < 100; ++k) f.cycle(0.5);
   EXPECT_EQ(f.follower.state(), FollowState::kFar);
   EXPECT_EQ(f.follower.q()[0], 0);
+  for (int k = 0; k < 100; ++k) f.cycle(0.05);
+  EXPECT_EQ(f.follower.state(), FollowState::kFar) << "not by itself";
+  f.request();
   f.cycle(0.05);
   EXPECT_EQ(f.follower.state(), FollowState::kFollowing);
 }
 
-TEST(RtdeFollower, StopsWithinItsTimeAfterALossAndGoesOnNearItself) {
+TEST(RtdeFollower, StopsWithinItsTimeAfterALossAndGoesOnNearItselfWhenItIsAskedAgain) {
   Follow f;
+  f.request();
   double q = 0;
   for (int k = 0; k < 500; ++k) f.cycle(q += 2 * f.h);  // full speed
   ASSERT_NEAR(f.follower.dq()[0], 2, 1e-6);
@@ -502,9 +517,13 @@ TEST(RtdeFollower, StopsWithinItsTimeAfterALossAndGoesOnNearItself) {
   EXPECT_EQ(f.follower.losses(), 1u);
   EXPECT_LE(cycles * f.h, 0.1 + 0.2 + 2 * f.h);  // loss_time + stop_time
   const double rest = f.follower.q()[0];
+  for (int k = 0; k < 100; ++k) f.cycle(rest + 0.01);
+  EXPECT_EQ(f.follower.state(), FollowState::kLost) << "not by itself";
+  f.request();
   for (int k = 0; k < 100; ++k) f.cycle(rest + 0.2);
   EXPECT_EQ(f.follower.state(), FollowState::kFar);
   EXPECT_EQ(f.follower.q()[0], rest);
+  f.request();
   for (int k = 0; k < 100; ++k) f.cycle(rest + 0.01);
   EXPECT_EQ(f.follower.state(), FollowState::kFollowing);
   EXPECT_NEAR(f.follower.q()[0], rest + 0.01, 1e-3);
