@@ -81,9 +81,12 @@ void FriLink::choose_command() {
   take_usable(damping_, wanted_.joint_damping);
   take_usable(cartesian_stiffness_, wanted_.cartesian_stiffness);
   take_usable(cartesian_damping_, wanted_.cartesian_damping);
+  follow(elapsed);
+  // Outputs and variables of the robot's program stay what they are until somebody acknowledges.
+  wanted_.ios.count = 0;
+  if (acknowledgement_.awaits()) return;
   krl_command_.write(wanted_.krl);
   writes_.write(wanted_.ios);
-  follow(elapsed);
 }
 
 /// What the mode commands, one of fri::Command::fields.

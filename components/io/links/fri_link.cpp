@@ -280,6 +280,7 @@ void FriLink::begin_session() {
   position_ = answered_ = -1;
   following_ = follows_ = false;
   begins_ = true;
+  wanted_.krl = {};
 }
 
 /// A robot that jumps is somewhere else than the command: it is followed there.

@@ -198,6 +198,7 @@ void RtdeLink::initialise(Time start, Measured& measured) {
   t_sent_ = t_commanded_ = -1;
   set_ups_ = 0;
   registers_sent_ = {};
+  registers_int_sent_ = {};
   has_wanted_ = false;
   synchronisation_.start(q_robot_);
   heard_ = start.ns;
@@ -355,9 +356,11 @@ bool RtdeLink::robot_ready() const {
   return runs && safe && plays;
 }
 
-/// Whether all values of double_command that are sent are finite; takes those that are.
+/// Whether all values of double_command that are sent are finite; takes those that are. Until somebody acknowledges the last ones stay, or 0 where
+/// the connection is a new one.
 bool RtdeLink::take_registers() {
-  if (!registers_) return true;
+  if (!registers_ || acknowledgement_.awaits()) return true;
+  registers_int_sent_ = int_command_;
   bool all = true;
   for (std::size_t i = rtde::kJoints; i < kRegisters; ++i) {  // those before are commands
     if (std::isfinite(double_command_[i])) {
@@ -378,9 +381,9 @@ void RtdeLink::send(const Command& command, Measured& measured) {
   }
   for (std::size_t i = 0; i < kRegisters; ++i) {
     c.at("input_double_register_24", i) = registers_sent_[i];
-    c.at("input_int_register_24", i) = int_command_[i];
+    c.at("input_int_register_24", i) = registers_int_sent_[i];
   }
-  c.at("standard_digital_output_mask") = digital_mask_;
+  c.at("standard_digital_output_mask") = acknowledgement_.awaits() ? 0 : digital_mask_;
   c.at("standard_digital_output") = digital_command_ & 0xff;
   if (usable) q_wanted_ = command.q;
   has_wanted_ = has_wanted_ || usable;
@@ -432,6 +435,8 @@ void RtdeLink::note_loss(Measured& measured) {
   connected_ = following_ = false;
   state_ = 0;
   t_sent_ = t_commanded_ = -1;
+  registers_sent_ = {};
+  registers_int_sent_ = {};
   std::ranges::fill(measured.dq, 0);
   std::ranges::fill(measured.ddq, 0);
   std::ranges::fill(measured.tau_e, 0);

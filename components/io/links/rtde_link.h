@@ -101,8 +101,9 @@ class RtdeLink final : public Link {
   std::vector<double> q_wanted_;  // the last usable q_command
   bool has_wanted_ = false;
   std::array<double, kRegisters> registers_sent_{};  // the last finite values of double_command
-  std::int64_t heard_ = 0;                           // ns, scenario time of the last package
-  std::int64_t arrived_ = 0;                         // ns, host
+  std::array<std::int32_t, kRegisters> registers_int_sent_{};
+  std::int64_t heard_ = 0;    // ns, scenario time of the last package
+  std::int64_t arrived_ = 0;  // ns, host
   std::int32_t counter_ = 0, reflected_ = 0;
   std::array<std::int64_t, 256> sent_at_{};  // ns, host, by counter
   std::int64_t trips_ = 0;

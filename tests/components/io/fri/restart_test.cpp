@@ -169,6 +169,23 @@ TEST_P(FriRestart, TorquesAreNotAddedUntilTheLossIsAcknowledged) {
   EXPECT_EQ(rig.command.tau[3], 2.5);
 }
 
+TEST(FriRestart, VariablesOfTheRobotsProgramStayUntilTheLossIsAcknowledged) {
+  Rig rig(Protocol::kLwr);
+  rig.twin.reals("krl_command_real")[3] = 1.5;
+  rig.begin();
+  rig.settle();
+  rig.put(moved());
+  rig.twin.reals("krl_command_real")[3] = 2.5;
+  rig.period();
+  EXPECT_EQ(rig.command.krl.real[3], 1.5f);
+  rig.m.counter = 0;  // another session
+  rig.m.time = 0;
+  for (int k = 0; k < 3; ++k) rig.period();
+  EXPECT_EQ(rig.command.krl.real[3], 0);
+  rig.acknowledge();
+  EXPECT_EQ(rig.command.krl.real[3], 2.5f);
+}
+
 TEST(FriRestart, GoesOnByItselfOnlyIfItIsAskedTo) {
   Rig rig(Protocol::kSunrise1_15);
   rig.twin.set("restart", "automatic");

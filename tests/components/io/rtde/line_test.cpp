@@ -265,6 +265,40 @@ TEST(RtdeLink, ALossARestartOrAJumpIsFollowedByNothingUntilItIsAcknowledged) {
   }
 }
 
+TEST(RtdeLink, OutputsAndRegistersStayUntilTheLossIsAcknowledged) {
+  for (const bool hangs_up : {false, true}) {
+    Beside s;
+    s.twin.set("registers", "true");
+    s.twin.set("digital_mask", "3");
+    s.start();
+    s.twin.set("digital_command", "1");
+    s.twin.reals("double_command")[20] = 0.5;
+    s.twin.instance.variables.at("int_command").integers()[20] = 5;
+    ASSERT_TRUE(s.connects());
+    s.robot.say(2);
+    s.periods(5);
+    ASSERT_EQ(s.robot.controller.at("standard_digital_output_mask"), 3);
+    ASSERT_EQ(s.robot.controller.at("input_double_register_44"), 0.5);
+    if (hangs_up) {
+      s.robot.hang_up();
+      ASSERT_TRUE(s.until([&] { return s.twin.integer("connections") == 2; }));
+    } else {
+      s.robot.q[0] += 0.3;
+    }
+    s.twin.set("digital_command", "2");
+    s.twin.reals("double_command")[20] = 0.75;
+    s.twin.instance.variables.at("int_command").integers()[20] = 7;
+    s.periods(5);
+    EXPECT_EQ(s.robot.controller.at("standard_digital_output_mask"), 0);
+    EXPECT_EQ(s.robot.controller.at("input_double_register_44"), hangs_up ? 0 : 0.5);
+    EXPECT_EQ(s.robot.controller.at("input_int_register_44"), hangs_up ? 0 : 5);
+    s.acknowledge();
+    EXPECT_EQ(s.robot.controller.at("standard_digital_output_mask"), 3);
+    EXPECT_EQ(s.robot.controller.at("input_double_register_44"), 0.75);
+    EXPECT_EQ(s.robot.controller.at("input_int_register_44"), 7);
+  }
+}
+
 TEST(RtdeLink, AnAcknowledgementCountsOnlyWhileTheRobotIsReady) {
   Beside s;
   s.start();
