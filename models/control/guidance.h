@@ -11,8 +11,10 @@ namespace cotwin::guidance {
 ///   delay       e^(−s delay), that of the sensor and of the line together
 ///   robot       p = T p_c + C f; if it is rigid,   T = ω² z/N,   C = 1/(mass N),   N = s² + (2ζω s + ω²) z
 ///               with an elastic gear K_J before a motor B, and a position control of the motor (components/compliance/joints/tracking.h):
-///               T = K_J r/Δ,   C = (B s² + K_J + a)/Δ,   Δ = m s² (B s² + K_J + a) + K_J (B s² + a),
+///               T = k r/Δ,   C = (B s² + k + a)/Δ,   Δ = m s² (B s² + k + a) + k (B s² + a),   k = K_J + D_J s,
 ///               m = mass − B,   a = mass (2ζω s + ω²) z,   r = mass ω² z
+///   synchronisation of robot and twin (V-D, components/io/links/synchronisation.h): the robot's command is p_c + P e^(−s cycle) (p_c − p),
+///               P = K_P + K_D (1 − e^(−s cycle))/cycle, with p as it was measured, `delay` before it acts again
 /// h is the step for which the position controller holds its torque: z = (1 − e^(−sh))/(sh), 1 for h = 0. With h > 0 the low-pass
 /// is the sampled one.
 struct Loop {
@@ -21,9 +23,10 @@ struct Loop {
   double cutoff = 0;                   // Hz; 0: no filter
   double delay = 0;                    // s
   double omega = 0, zeta = 1,
-         mass = 0;        // 1/s, 1, kg; omega = 0: the robot follows exactly; mass (with the motor) = 0: nor yields
-  double h = 0;           // s
-  double K_J = 0, B = 0;  // N/m, kg; K_J = 0: rigid
+         mass = 0;                 // 1/s, 1, kg; omega = 0: the robot follows exactly; mass (with the motor) = 0: nor yields
+  double h = 0;                    // s
+  double K_J = 0, D_J = 0, B = 0;  // N/m, N.s/m, kg; K_J = 0: rigid
+  double K_P = 0, K_D = 0, cycle = 0;  // 1, s, s; cycle > 0 where K_P or K_D is not 0
 };
 
 /// Gain from p_c to −f at s, with sensor and delay: the closed loop has its poles where M s² + D s + gain(s) = 0.
@@ -42,7 +45,12 @@ Border damping_border(const Loop& loop, double M);
 /// to 1e8 N/m. 0: it vibrates at 1 N/m.
 double stiffness_border(Loop loop, double M, double D);
 
-/// The number of poles with a positive real part, by the argument principle (Nyquist). The delay is exact.
+/// The number of poles with a positive real part, by the argument principle (Nyquist). The delay is exact. 0 for M: q_c does not depend on the
+/// hand, and the poles are those of robot and synchronisation.
 int unstable_poles(const Loop& loop, double M, double D);
+
+/// The largest K_P ≤ 10 at which the loop is stable with M and D (M = 0: as above) and K_D = 0, for all smaller ones too, to 1e-3. 0: it vibrates
+/// without synchronisation.
+double synchronisation_border(Loop loop, double M, double D);
 
 }  // namespace cotwin::guidance

@@ -93,13 +93,14 @@ struct Twin {
     set("address", "127.0.0.1");
     set("port", "0");
     set("mode", "position");
-    set("K_P", "0.5");
-    set("K_D", "0.001");
   }
   void set(const char* name, const char* value) { cotwin::assign_text(instance.variables.at(name), value); }
   void initialise() {
+    for (const char* gain : {"K_P", "K_D"}) set(gain, "0");  // no search for their limits in every run
     instance.unit->initialise(cotwin::Time{});
     local = static_cast<cotwin::io::DatagramQueue*>(instance.unit->tick_source())->local();
+    set("K_P", "0.5");
+    set("K_D", "0.001");
   }
   void check() const {
     for (const cotwin::Variable& v : instance.variables) {

@@ -162,6 +162,17 @@ void FriLink::initialise(Time start, Measured& measured) {
   at_ = start.ns;
   waiting_ = false;
   if (wait_ > 0) wait_for_robot(start, measured);
+  check_gains();
+}
+
+/// The robot's period is known only if it was waited for.
+void FriLink::check_gains() const {
+  if (!drives()) return;
+  constexpr std::array kPossible{0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1};  // s
+  const std::array known{period_ * client_->monitoring().receive_multiplier};
+  const std::span<const double> cycles = period_ > 0 ? std::span<const double>(known) : std::span<const double>(kPossible);
+  constexpr double kDelay = 2;  // cycles: the message, and the command
+  gains_.check(K_P_, K_D_, cycles, kDelay, kFriPlace);
 }
 
 void FriLink::wait_for_robot(Time start, Measured& measured) {

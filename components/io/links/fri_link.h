@@ -10,6 +10,7 @@
 #include "components/io/link/datagram_queue.h"
 #include "components/io/link/fri_values.h"
 #include "components/io/link/link.h"
+#include "components/io/links/gain_check.h"
 #include "components/io/links/synchronisation.h"
 #include "components/unit/settings.h"
 #include "models/trajectory/axes.h"
@@ -78,6 +79,7 @@ class FriLink final : public Link {
 
   bool drives() const { return mode_ != Mode::kMonitor; }
   void open();
+  void check_gains() const;
   void wait_for_robot(Time start, Measured& measured);
   void note_refused(const DatagramQueue::Datagram& datagram);
   bool take_inputs(const Command& command);
@@ -104,6 +106,7 @@ class FriLink final : public Link {
   Datagrams datagrams_;
   std::optional<fri::Client> client_;
   Synchronisation synchronisation_;
+  GainCheck gains_{150};
   Acknowledgement acknowledgement_;
   JumpDetector jumps_;
   fri::Command wanted_;

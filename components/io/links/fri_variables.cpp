@@ -63,8 +63,8 @@ void FriLink::declare(Variables& v, JointVariables& joints) {
   v.parameter("w_command_max", w_command_max_, "rad/s", "mode=cartesian_impedance: speed limit of quat_command")
       .range(1e-6, 1e9);
   v.tunable("command", command_, "q_command and the rest are followed; false: the last commanded position is held");
-  v.tunable("K_P", K_P_, "1", "proportional gain of the synchronisation of robot and twin").range(-0.999, 1e3);
-  v.tunable("K_D", K_D_, "s", "derivative gain of the synchronisation").range(-1e3, 1e3);
+  v.parameter("K_P", K_P_, "1", "proportional gain of the synchronisation of robot and twin").range(-0.999, 1e3);
+  v.parameter("K_D", K_D_, "s", "derivative gain of the synchronisation").range(-1e3, 1e3);
   v.tunable("stiffness", stiffness_, "N.m/rad", "mode=joint_impedance: stiffness of the robot's joints").range(0, 1e9);
   v.tunable("damping", damping_, "1", "mode=joint_impedance: damping ratio of the robot's joints").range(0, 1);
   v.tunable("cartesian_stiffness", cartesian_stiffness_, "1",
@@ -81,6 +81,7 @@ void FriLink::declare(Variables& v, JointVariables& joints) {
   acknowledgement_.declare(v, "nothing is commanded", "messages of the robot come and it reports no safety stop");
   v.parameter("ddq_command_max", ddq_command_max_, "rad/s2", "limit of the acceleration of commanded positions")
       .range(1e-3, 1e9);
+  gains_.declare(v);
 }
 
 }  // namespace cotwin::io

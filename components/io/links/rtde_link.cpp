@@ -135,12 +135,13 @@ void RtdeLink::declare(Variables& v, JointVariables& joints) {
               "for tau where the controller does not give torques; 0: then there are none. UR does not publish it")
       .range(0, 1e6);
   v.tunable("command", command_, "q_command is followed; false: the last commanded position is held");
-  v.tunable("K_P", K_P_, "1", "proportional gain of the synchronisation of robot and twin").range(-0.999, 1e3);
-  v.tunable("K_D", K_D_, "s", "derivative gain of the synchronisation").range(-1e3, 1e3);
+  v.parameter("K_P", K_P_, "1", "proportional gain of the synchronisation of robot and twin").range(-0.999, 1e3);
+  v.parameter("K_D", K_D_, "s", "derivative gain of the synchronisation").range(-1e3, 1e3);
   v.tunable("tau_e_gated", tau_e_gated_, "tau_e is given only while the robot follows commands, else 0");
   acknowledgement_.declare(v, "nothing is commanded", "data of the robot come and it is ready");
   v.parameter("ddq_command_max", ddq_command_max_, "rad/s2", "limit of the acceleration of commanded positions")
       .range(1e-3, 1e9);
+  gains_.declare(v);
 }
 
 void RtdeLink::choose_mode() {
@@ -209,6 +210,8 @@ void RtdeLink::initialise(Time start, Measured& measured) {
   choose_mode();
   acknowledgement_.begin(kRtdePlace);
   jumps_.forget();
+  constexpr double kDelay = 2;  // cycles: the package, and the command
+  if (commands_) gains_.check(K_P_, K_D_, std::array{1 / frequency_}, kDelay, kRtdePlace);
   constexpr double kLeastSilence = 2;  // s
   line_.open(controller, client_settings(), Duration::from_seconds(std::max(kLeastSilence, patience())).ns, kRtdePlace);
   if (wait_ <= 0) return;

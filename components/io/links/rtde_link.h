@@ -9,6 +9,7 @@
 #include "components/io/link/acknowledgement.h"
 #include "components/io/link/link.h"
 #include "components/io/link/robot_kinematics.h"
+#include "components/io/links/gain_check.h"
 #include "components/io/links/rtde_line.h"
 #include "components/io/links/synchronisation.h"
 #include "components/unit/settings.h"
@@ -62,6 +63,7 @@ class RtdeLink final : public Link {
   std::size_t n_;
   RtdeLine line_;
   Synchronisation synchronisation_;
+  GainCheck gains_{33};  // 1/s: the lookahead time of the program on the robot
   Acknowledgement acknowledgement_;
   JumpDetector jumps_;
   std::optional<RobotKinematics> kinematics_;  // if the robot's URDF is given

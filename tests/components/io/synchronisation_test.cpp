@@ -1,6 +1,7 @@
 // PD synchronisation of robot and twin (V-D): components/io/links/synchronisation.h.
 #include "components/io/links/synchronisation.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <Eigen/Eigenvalues>
@@ -9,10 +10,14 @@
 #include <cmath>
 #include <deque>
 #include <limits>
+#include <map>
 #include <random>
+#include <string>
 #include <vector>
 
+#include "components/io/links/gain_check.h"
 #include "models/numerics/jury.h"
+#include "tests/components/io/ports.h"
 #include "tests/support/error_of.h"
 
 namespace cotwin::io {
@@ -215,6 +220,63 @@ TEST(Synchronisation, ComesToRestWithItsAcceleration) {
   for (int k = 0; k < 100; ++k) pair.synchronisation.rest(pair.gains(), pair.h);
   EXPECT_NEAR(pair.synchronisation.last()[0], from + 0.4 * 0.4 / 20, 0.4 * pair.h);  // v²/2a
   EXPECT_EQ(pair.synchronisation.share(), 0) << "what follows begins softly";
+}
+
+/// The check of a link with these parameters at 1 ms; its message, or nothing.
+std::string refusal(const std::map<std::string, std::string>& parameters, double K_P, double K_D = 0) {
+  GainCheck check(150);
+  Variables v;
+  check.declare(v);
+  for (const auto& [name, value] : parameters) assign_text(v.at(name), value);
+  const std::array gains_P{0.0, K_P}, gains_D{0.0, K_D};
+  return testing::error_of([&] { check.check(gains_P, gains_D, std::array{0.001}, 2, "place"); });
+}
+
+TEST(GainCheck, RefusesGainsWithWhichRobotHandAndTwinVibrate) {
+  using ::testing::HasSubstr;
+  const std::map<std::string, std::string> guided{{"guided_M", "4"}, {"guided_D", "30"}}, alone{{"guided_M", "0"}};
+  EXPECT_EQ(refusal({}, 0), "") << "the default needs nothing";
+  EXPECT_THAT(refusal({}, 0.05), ::testing::AllOf(HasSubstr("guided_M is not given"), HasSubstr("place: K_P, K_D")));
+  EXPECT_THAT(refusal(guided, 0.5), ::testing::AllOf(HasSubstr("of joint 2"), HasSubstr("expected K_P at most 0")));
+  EXPECT_THAT(refusal(alone, 0.5), HasSubstr("expected K_P at most 0.1"));
+  EXPECT_EQ(refusal(alone, 0.09), "");
+  EXPECT_NE(refusal(alone, 0, 0.1), "") << "K_D alone";
+  EXPECT_NE(refusal(alone, 0.05, -0.01), "");
+  // A rigid robot allows more, and less with a delay.
+  std::map<std::string, std::string> rigid = guided;
+  rigid["robot_resonance"] = "0";
+  EXPECT_EQ(refusal(rigid, 0.5), "");
+  EXPECT_NE(refusal(rigid, 5), "");
+  rigid["guided_M"] = "0.3";
+  EXPECT_NE(refusal(rigid, 0.5), "") << "a light twin";
+}
+
+TEST(GainCheck, AllowsWhatItSaysThatIsAllowed) {
+  for (const std::string M : {"0", "20"}) {
+    const std::map<std::string, std::string> parameters{{"guided_M", M}, {"guided_D", "60"}};
+    const std::string message = refusal(parameters, 8);
+    const std::string words = "expected K_P at most ";
+    const double most = std::stod(message.substr(message.find(words) + words.size()));
+    EXPECT_GT(most, 0.01) << message;
+    EXPECT_EQ(refusal(parameters, most), "") << M;
+    EXPECT_NE(refusal(parameters, 1.05 * most + 2e-3), "") << M;
+  }
+}
+
+TEST(GainCheck, IsMadeBeforeTheRun) {
+  using ::testing::HasSubstr;
+  for (const std::string query : {"robot=lwr4&link=fri&protocol=lwr", "robot=ur5e&link=rtde"}) {
+    Ports link(query);
+    link.set("K_P", "5");
+    if (query.find("fri") != std::string::npos) link.set("port", "0");
+    EXPECT_EQ(testing::error_of([&] { link.instance.unit->initialise(Time{}); }), "") << "a monitor";
+    link.set("mode", "position");
+    EXPECT_THAT(testing::error_of([&] { link.instance.unit->initialise(Time{}); }), HasSubstr("guided_M is not given"));
+    link.set("guided_M", "0");
+    EXPECT_THAT(testing::error_of([&] { link.instance.unit->initialise(Time{}); }), HasSubstr("expected K_P at most "));
+    link.set("K_P", "0.05");
+    EXPECT_EQ(testing::error_of([&] { link.instance.unit->initialise(Time{}); }), "");
+  }
 }
 
 /// Commands and measurements of a moving pair get lost, in bursts of at most `burst`, and come up to a cycle late.

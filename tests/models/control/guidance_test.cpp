@@ -175,9 +175,58 @@ TEST(GuidanceBorder, OfAnElasticRobotTendsToThatOfTheRigidOne) {
   EXPECT_THROW((void)damping_border({.K_h = 300, .omega = 100, .mass = 5, .K_J = 1e4, .B = 6}, 1), Error);
 }
 
+// 1 + K_P T e^(−sτ) = 0, T = ω²/N: at the border N = −K_P ω² e^(−jwτ), so that each w belongs to one K_P and one τ = cycle + delay.
+TEST(GuidanceSynchronisation, BorderOfARobotAloneIsTheClosedForm) {
+  for (const double omega : {40.0, 150.0}) {
+    for (const double turn : {0.6, 1.0, 2.0}) {
+      const double w = turn * omega;
+      const std::complex<double> N(omega * omega - w * w, 2 * 0.7 * omega * w);
+      const double K_P = std::abs(N) / (omega * omega), tau = (std::numbers::pi - std::arg(N)) / w;
+      const Loop loop{.K_h = 0, .delay = 0.7 * tau, .omega = omega, .zeta = 0.7, .cycle = 0.3 * tau};
+      EXPECT_NEAR(synchronisation_border(loop, 0, 0), K_P, 2e-3 * K_P) << omega << ' ' << turn;
+    }
+  }
+  const Loop exact{.K_h = 0, .cycle = 0.001};
+  EXPECT_NEAR(synchronisation_border(exact, 0, 0), 1, 2e-3) << "T = 1: Jury's criterion has 1 for a = 1";
+}
+
+// M s² + D s + K_e T (1 + P)/(1 + K_e C + P T e^(−sτ)) with P = K_P and no cycle, as a polynomial.
+TEST(GuidanceSynchronisation, BorderOfTheWholeLoopIsWhereTheRootsOfItsPolynomialCross) {
+  for (const double delay : {0.004, 0.01, 0.03}) {
+    for (const double M : {1.0, 4.0}) {
+      Loop l{.m_h = 0.7, .D_h = 20, .K_h = 400, .delay = delay, .omega = 150, .mass = 20, .cycle = 1e-9};
+      const double D = damping_border(l, M).D + 20, border = synchronisation_border(l, M, D);
+      ASSERT_GT(border, 0.05);
+      const auto roots = [&](double K_P) {
+        const double r = l.omega * l.omega * l.mass;
+        const Polynomial F{l.K_h, l.D_h, l.m_h}, N{l.omega * l.omega, 2 * l.zeta * l.omega, 1}, up = pade(l.delay);
+        Polynomial down = up;
+        for (std::size_t k = 1; k < down.size(); k += 2) down[k] *= -1;
+        const Polynomial Q = (Polynomial{l.mass} * N + F) * up + Polynomial{K_P * r} * down;
+        return unstable_roots(Polynomial{0, D, M} * Q + Polynomial{r * (1 + K_P)} * F * down, 100);
+      };
+      EXPECT_EQ(roots(0.99 * border), 0) << delay << ' ' << M;
+      EXPECT_GT(roots(1.01 * border), 0) << delay << ' ' << M;
+      l.K_P = 1.01 * border;
+      EXPECT_EQ(unstable_poles(l, M, D), roots(l.K_P));
+    }
+  }
+}
+
+// Joints as those of the LWR 4+: a link of 2.7 kg.m2 before a motor of 3 kg.m2, 12 000 N.m/rad and its damping, 3 % of the critical one.
+TEST(GuidanceSynchronisation, ElasticJointsAllowMuchLess) {
+  Loop l{.K_h = 0, .delay = 0.002, .omega = 150, .mass = 5.7, .h = 1e-3, .K_J = 12'000, .D_J = 10, .B = 3, .cycle = 1e-3};
+  const double elastic = synchronisation_border(l, 0, 0);
+  EXPECT_LT(elastic, 0.5);
+  EXPECT_GT(elastic, 0.05);
+  l.K_J = l.B = 0;
+  EXPECT_GT(synchronisation_border(l, 0, 0), 2);
+}
+
 TEST(GuidanceBorder, RefusesValuesThatNoLoopHas) {
   EXPECT_THROW((void)damping_border(example(0.01), 0), Error);
   EXPECT_THROW((void)damping_border(example(-0.01), 1), Error);
+  EXPECT_THROW((void)unstable_poles({.K_P = 0.5}, 1, 1), Error) << "without a cycle";
   EXPECT_THROW((void)damping_border(example(std::numeric_limits<double>::quiet_NaN()), 1), Error);
   EXPECT_EQ(damping_border({.K_h = 0, .delay = 0.1}, 1).D, 0) << "without a hand nothing vibrates";
 }
