@@ -24,7 +24,30 @@ void EtherCatEncoder::reset() {
   counts_ = 0;
   unread_ = 0;
   speed_.reset();
-  was_restarted_ = may_have_wrapped_ = false;
+  was_restarted_ = may_have_wrapped_ = was_implausible_ = false;
+  way_ = 0;
+  doubtful_.reset();
+}
+
+/// Whether the counter is near the last one or, if that one was doubted, goes on from it.
+bool EtherCatEncoder::is_explained(std::uint32_t counter, double unread) {
+  const auto moved = static_cast<double>(signed_counts(counter - last_)), expected = way_ * unread;
+  const bool near = std::abs(moved - expected) <= kSurprise + std::abs(expected) / 2;
+  bool confirmed = false;
+  if (!near && doubtful_) {
+    const auto since = static_cast<double>(signed_counts(counter - *doubtful_));
+    const double way = static_cast<double>(signed_counts(*doubtful_ - last_)) / doubtful_unread_ * (unread - doubtful_unread_);
+    confirmed = std::abs(since) <= kSurprise + 2 * std::abs(way);
+  }
+  if (near || confirmed) {
+    was_implausible_ = was_implausible_ || (near && doubtful_);
+    doubtful_.reset();
+    return true;
+  }
+  was_implausible_ = was_implausible_ || doubtful_;
+  doubtful_ = counter;
+  doubtful_unread_ = unread;
+  return false;
 }
 
 std::int64_t EtherCatEncoder::signed_counts(std::uint32_t difference) const {
@@ -72,10 +95,17 @@ void EtherCatEncoder::read(std::span<const std::uint8_t> in, bool restarted, dou
     held_ = 0;
     set_done = true;
     uncertain = false;
+    way_ = 0;
+    doubtful_.reset();
   } else if (restarted || !known_) {
     // The position continues from the last one.
     if (known_) was_restarted_ = uncertain = true;
+    way_ = 0;
+    doubtful_.reset();
   } else if (held_ > 0 && phase_ == Phase::kRequest && --held_ > 0) {
+    unread_ = unread;
+    return;
+  } else if (unread > 0 && !is_explained(counter, unread)) {
     unread_ = unread;
     return;
   } else {
@@ -83,7 +113,10 @@ void EtherCatEncoder::read(std::span<const std::uint8_t> in, bool restarted, dou
     counts_ += moved;
     if (unread > patience && unread * kFastest > std::ldexp(1.0, static_cast<int>(bits) - 1))
       may_have_wrapped_ = uncertain = true;
-    if (unread > 0) speed_ = Speed{static_cast<double>(moved) / unread, unread};
+    if (unread > 0) {
+      speed_ = Speed{static_cast<double>(moved) / unread, unread};
+      way_ = speed_->value;
+    }
   }
   known_ = true;
   last_ = counter;

@@ -32,7 +32,8 @@ class EtherCatEncoder {
   /// Time passes, s, up to the next read().
   void advance(double h) { unread_ += h; }
   /// Takes input process data. `restarted`: the terminal was switched off and on since the last ones, so that it has forgotten its
-  /// counter. `patience`: s without data after which a counter of 16 bits may have wrapped.
+  /// counter. `patience`: s without data after which a counter of 16 bits may have wrapped. A counter that the last speed does not explain to
+  /// kSurprise counts and half of the way is used only when the next one confirms it: the frame may be damaged.
   void read(std::span<const std::uint8_t> in, bool restarted, double patience);
 
   std::int64_t counts() const { return counts_; }
@@ -46,6 +47,8 @@ class EtherCatEncoder {
   double unread() const { return unread_; }
   bool was_restarted() const { return was_restarted_; }
   bool may_have_wrapped() const { return may_have_wrapped_; }
+  /// Whether the terminal gave a counter that no motion explains, and that was not used.
+  bool was_implausible() const { return was_implausible_; }
 
  private:
   enum class Phase : std::uint8_t {
@@ -54,7 +57,10 @@ class EtherCatEncoder {
     kRequest
   };  // of the command: none; until an old confirmation is gone; until confirmed
 
+  static constexpr double kSurprise = 3;
+
   std::int64_t signed_counts(std::uint32_t difference) const;
+  bool is_explained(std::uint32_t counter, double unread);
 
   bool wide_;
   Phase phase_ = Phase::kIdle;
@@ -67,7 +73,10 @@ class EtherCatEncoder {
   std::int64_t counts_ = 0;
   double unread_ = 0;
   std::optional<Speed> speed_;
-  bool was_restarted_ = false, may_have_wrapped_ = false;
+  double way_ = 0;                         // counts per s, the speed that the last two data had
+  std::optional<std::uint32_t> doubtful_;  // counter that awaits its confirmation
+  double doubtful_unread_ = 0;             // s, before it
+  bool was_restarted_ = false, may_have_wrapped_ = false, was_implausible_ = false;
 };
 
 }  // namespace cotwin::io

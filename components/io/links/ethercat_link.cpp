@@ -27,6 +27,8 @@ constexpr const char* kRestarted =
     "an encoder terminal was switched off and on: its position continues from the last known one, movements meanwhile are "
     "unknown";
 
+constexpr const char* kImplausible =
+    "an encoder terminal gave counters that no motion explains (damaged frames?): they were not used";
 constexpr const char* kWrapped =
     "an encoder's counter of 16 bits was not read for longer than timeout: its position may be off by multiples of 65536 "
     "counts "
@@ -373,7 +375,7 @@ void EtherCatLink::write_statistics() {
   answering_ = master_->present();
   for (std::size_t i = 0; i < slaves_.size(); ++i) {
     const ethercat::Master::SlaveStatus& s = master_->status(i);
-    state_[i] = s.present ? static_cast<std::int32_t>(s.state) : 0;
+    state_[i] = master_->present(i) ? static_cast<std::int32_t>(s.state) : 0;
     al_code_[i] = static_cast<std::int32_t>(s.code);
   }
   cycles_ = narrow(c.cycles);
@@ -406,6 +408,7 @@ void EtherCatLink::tell(std::vector<std::string>& sentences) const {
   };
   if (any(&EtherCatEncoder::was_restarted)) sentences.emplace_back(kRestarted);
   if (any(&EtherCatEncoder::may_have_wrapped)) sentences.emplace_back(kWrapped);
+  if (any(&EtherCatEncoder::was_implausible)) sentences.emplace_back(kImplausible);
   if (!stopped_) sentences.emplace_back(kNotStopped);
 }
 

@@ -23,6 +23,8 @@ Master::Master(BusSetup bus, std::int64_t cycle, std::int64_t patience, BusTime 
     : bus_(std::move(bus)), patience_(std::max(cycle, patience)), time_(time) {
   inputs_.resize(bus_.input_bytes);
   outputs_.resize(bus_.output_bytes);
+  sent_outputs_.resize(bus_.output_bytes);
+  reported_.resize(bus_.slaves.size());
   frames_.resize(std::max<std::size_t>(bus_.segments.size(), 1));
   status_.resize(bus_.slaves.size());
   recoveries_.resize(bus_.slaves.size());
@@ -110,6 +112,21 @@ bool Master::is_answer(FrameReader reader, std::size_t segment) const {
   return !reader.next(d);
 }
 
+/// Whether the outputs come back as they were sent: slaves do not change them. The checksum of Ethernet is not seen here, and not every interface
+/// checks it.
+bool Master::is_intact(const FrameReader& frame, std::size_t segment) const {
+  if (segment >= bus_.segments.size()) return true;
+  const Segment& s = bus_.segments[segment];
+  FrameReader reader = frame;
+  Datagram d;
+  while (reader.next(d)) {
+    if (d.command != Command::kLrw && d.command != Command::kLwr) continue;
+    const std::span<const std::uint8_t> data = reader.data(d).first(s.output_bytes);
+    if (!std::equal(data.begin(), data.end(), sent_outputs_.begin() + static_cast<std::ptrdiff_t>(s.outputs_at))) return false;
+  }
+  return true;
+}
+
 /// Whether a datagram is that of the last errand with its index. Slaves change the position in the address, and the offset never.
 bool Master::is_errand(const Datagram& d) const {
   const Datagram& sent = errands_sent_[d.index - kErrands];
@@ -131,6 +148,10 @@ void Master::take_cyclic(const FrameReader& frame, std::uint8_t index, std::int6
   reader = frame;
   if (!sent_ || index != index_ || other_command || frames_[segment].answered) {
     ++counters_.late;
+    return;
+  }
+  if (!is_intact(frame, segment)) {
+    ++counters_.foreign;
     return;
   }
   bool complete = true;
@@ -186,6 +207,7 @@ void Master::close_cycle(std::int64_t now) {
     wrong = wrong || (f.answered && !f.complete);
   }
   if (!answered) ++counters_.lost;
+  unanswered_ = frames_[0].answered ? 0 : std::min(unanswered_ + 1, 2);
   if (wrong) ++counters_.working_counter;
   const int slaves = static_cast<int>(bus_.slaves.size());
   if (frames_[0].answered && answering_ > slaves && !crowded_) ++counters_.unexpected;
@@ -235,9 +257,14 @@ void Master::send_frames(Wire& wire) {
 
 void Master::add_process_data(FrameWriter& writer, const Segment& s) {
   const auto set_outputs = [&](std::size_t at) {
-    if (at == 0 || !operational_ || held_) return;
-    std::copy_n(outputs_.begin() + static_cast<std::ptrdiff_t>(s.outputs_at), s.output_bytes,
-                buffer_.begin() + static_cast<std::ptrdiff_t>(at));
+    const auto first = static_cast<std::ptrdiff_t>(s.outputs_at);
+    const bool off = at == 0 || !operational_ || held_;
+    if (off) {
+      std::fill_n(sent_outputs_.begin() + first, s.output_bytes, std::uint8_t{0});
+      return;
+    }
+    std::copy_n(outputs_.begin() + first, s.output_bytes, sent_outputs_.begin() + first);
+    std::copy_n(outputs_.begin() + first, s.output_bytes, buffer_.begin() + static_cast<std::ptrdiff_t>(at));
   };
   if (s.combined) {
     set_outputs(writer.add(Command::kLrw, index_, s.logical, s.output_bytes + s.input_bytes));
@@ -327,7 +354,9 @@ void Master::take_errand(bool answered, std::uint16_t working_counter, std::span
   } else if (errand_ == Errand::kState && data.size() == 6) {
     see_state(working_counter == 1, data, now);
   } else if (errand_ == Errand::kDifference && data.size() == 4 && working_counter == 1) {
-    difference_ = std::max<std::int64_t>(difference_, load<std::uint32_t>(data.data()) & 0x7fffffffu);
+    const std::int64_t now_reported = load<std::uint32_t>(data.data()) & 0x7fffffffu;
+    const std::int64_t before = std::exchange(reported_[looked_at_], now_reported);
+    difference_ = std::max(difference_, std::min(before, now_reported));
   }
 }
 

@@ -23,7 +23,7 @@ class Master {
     std::int64_t cycles = 0;           // with frames sent
     std::int64_t lost = 0;             // cycles without all answers
     std::int64_t late = 0;             // answers that came after the next cycle began; their data are not used
-    std::int64_t foreign = 0;          // frames that are no answers to this master
+    std::int64_t foreign = 0;          // frames that are no answers to this master, or damaged ones
     std::int64_t unsent = 0;           // frames that the interface did not take
     std::int64_t working_counter = 0;  // cycles with a wrong working counter
     std::int64_t slave_lost = 0;       // slaves that stopped answering
@@ -67,14 +67,18 @@ class Master {
   bool operational() const { return operational_; }
   /// The last cycle brought valid inputs.
   bool fresh() const { return fresh_; }
-  int present() const { return answering_; }
+  /// Slaves that answer; 0 from the second cycle in a row without the answer that counts them.
+  int present() const { return is_silent() ? 0 : answering_; }
+  /// Whether the slave answers.
+  bool present(std::size_t slave) const { return status_[slave].present && !is_silent(); }
   const Counters& counters() const { return counters_; }
   const SlaveStatus& status(std::size_t slave) const { return status_[slave]; }
   /// ns since 2000-01-01 at the reference clock, when the frame of the last cycle passed it; 0 without clocks or answer.
   std::int64_t system_time() const { return system_time_; }
   /// ns, Wire::now() in the middle between sending and receiving that frame.
   std::int64_t system_time_at() const { return system_time_at_; }
-  /// Largest deviation from the reference that slaves report, ns (register 0x092C), of the last round over all slaves.
+  /// Largest deviation from the reference that slaves report, ns (register 0x092C), of the last round over all slaves. Of each slave the
+  /// smaller one of its last two reports counts: a damaged frame changes nothing.
   std::int64_t clock_difference() const { return clock_difference_; }
 
  private:
@@ -95,7 +99,9 @@ class Master {
   };
 
   void take(std::span<const std::uint8_t> frame, std::int64_t now);
+  bool is_silent() const { return unanswered_ >= 2; }
   bool is_answer(FrameReader reader, std::size_t segment) const;
+  bool is_intact(const FrameReader& frame, std::size_t segment) const;
   bool is_errand(const Datagram& d) const;
   void take_cyclic(const FrameReader& frame, std::uint8_t index, std::int64_t now);
   void take_system_time(std::int64_t time, std::uint16_t working_counter, std::int64_t now);
@@ -118,7 +124,7 @@ class Master {
   BusSetup bus_;
   std::int64_t patience_;
   BusTime time_;
-  std::vector<std::uint8_t> inputs_, outputs_;
+  std::vector<std::uint8_t> inputs_, outputs_, sent_outputs_;
   std::vector<Frame> frames_;  // one per segment, at least one
   std::vector<SlaveStatus> status_;
   std::vector<Recovery> recoveries_;  // per slave
@@ -130,7 +136,7 @@ class Master {
   bool watching_ = true;  // something is wrong: the states of the slaves are read one by one
   bool crowded_ = false;  // more slaves answer than there should be
   std::int64_t last_good_ = 0;
-  int answering_ = 0;
+  int answering_ = 0, unanswered_ = 0;  // slaves; cycles in a row without the answer that counts them
   // FPRD while the reference clock is not to be followed, and after each cycle in which it was not read.
   Command time_command_ = Command::kFprd;
   bool reference_read_ = false;  // a plausible time came with the last cycle
@@ -140,6 +146,7 @@ class Master {
   std::uint8_t states_ = 0;      // of all slaves, combined by OR
   std::int64_t system_time_ = 0, system_time_at_ = 0;
   std::int64_t clock_difference_ = 0, difference_ = 0;  // of the last round over the slaves, of this one
+  std::vector<std::int64_t> reported_;                  // ns, by each slave before
 
   Errand errand_ = Errand::kNone;
   bool errand_open_ = false;  // it waits for its answer

@@ -103,7 +103,7 @@ TEST(EtherCatLink, SetsTheCounterOnARisingEdge) {
   io.start();
   io.steps(60);
   io.set("q_field", "1000");
-  io.steps(2);
+  io.steps(3);  // no motion explains it: one cycle more for its confirmation
   EXPECT_EQ(io.integer("axis_count"), 1000);
   io.set("axis_set_value", "-5");
   io.set("axis_set", 0, true);
@@ -111,7 +111,7 @@ TEST(EtherCatLink, SetsTheCounterOnARisingEdge) {
   EXPECT_TRUE(io.boolean("axis_set_done"));
   EXPECT_EQ(io.integer("axis_count"), -5);
   io.set("q_field", "1010");
-  io.steps(2);
+  io.steps(3);
   EXPECT_EQ(io.integer("axis_count"), 5);
 }
 
@@ -150,6 +150,22 @@ TEST(EtherCatLink, SwitchesOffAndTellsIfACableIsCutAndAPositionIsLost) {
   ASSERT_EQ(told.size(), 2u);
   EXPECT_THAT(told[0], HasSubstr("was not operational at some time"));
   EXPECT_THAT(told[1], HasSubstr("an encoder terminal was switched off and on"));
+}
+
+TEST(EtherCatLink, ShowsATotalLossWithinTwoCycles) {
+  Ports io(kCell);
+  io.start();
+  io.steps(80);
+  ASSERT_EQ(io.integer("answering"), 4);
+  io.set("cut", "0");
+  io.steps(1);
+  io.steps(2);
+  EXPECT_EQ(io.integer("answering"), 0);
+  for (std::size_t i = 0; i < 4; ++i) EXPECT_EQ(io.integer("state", i), 0) << i;
+  io.set("cut", "-1");
+  io.steps(300);
+  EXPECT_EQ(io.integer("answering"), 4);
+  for (std::size_t i = 0; i < 4; ++i) EXPECT_EQ(io.integer("state", i), 8) << i;
 }
 
 TEST(EtherCatLink, SwitchesOutputsOnAgainAsItsRestartSays) {
