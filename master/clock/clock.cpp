@@ -156,6 +156,10 @@ std::int64_t ArrivalClock::cycles_since(const Arrival& arrival, double& offset) 
     const bool waits = spec_.silence == SilencePolicy::kWait, follows = counted > 0 && counted <= kMostLost;
     if (counted == 1 || (waits && follows) || (counted < passed + 1.5 && counted > passed - 1.5)) cycles = counted;
     if (waits && !follows) cycles = 1;
+    // The source stood still, and its clock with it, while ticks went on.
+    constexpr double kPause = 8;
+    const double since = (static_cast<double>(arrival.host) - static_cast<double>(anchor_)) / cycle;
+    if (!waits && counted == 1 && since > kPause) cycles = std::round(since);
   }
   cycles = std::clamp(cycles, 0.0, 1e9);
   offset = cycle * (passed - cycles);
@@ -170,8 +174,9 @@ void ArrivalClock::accept(const Arrival& arrival, Time now) {
   const std::int64_t cycles = begins ? 0 : cycles_since(arrival, offset);
   state_.silent = false;
   if (begins || followed_ == 0) {
-    // The run begins, or goes on after a pause, with this packet; the packets after a silence are counted from it.
-    reached_ = begins ? std::max(reached_, now) : reached_ + Duration{cycles * cycle_};
+    // The run begins, or goes on after a pause, with this packet; the packets after a silence are counted from it. The source's clock may have
+    // stood still during the silence, but scenario time did not.
+    reached_ = begins ? std::max(reached_, now) : std::max(reached_ + Duration{cycles * cycle_}, now);
     grid_ = static_cast<double>(arrival.host);
     mean_ = square_ = 0;
     followed_ = 1;

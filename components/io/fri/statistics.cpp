@@ -89,7 +89,7 @@ SequenceTracker::Arrival SequenceTracker::add(std::uint32_t number, bool silent)
     return Arrival::kNew;
   }
   // Not newer: a straggler, or the first of a sender that has begun anew.
-  const bool again = silent && (number + 1) << shift == after_ << shift;
+  const bool again = silent && difference != 0 && (number + 1) << shift == after_ << shift;
   run_ = again || number << shift == after_ << shift ? run_ + 1 : 1;
   after_ = number + 1;
   if (difference > 0 || difference <= -kWindow || (silent && difference != 0)) {

@@ -281,6 +281,32 @@ TEST_F(ClockedRun, ASilentSourceIsReplacedByTheWallClockUntilItIsBack) {
   }
 }
 
+// A program that was stopped and goes on, as by SIGSTOP: its clock and its numbers go on where they were. It is followed from its first packet on, and
+// not only when its clock has made up for the pause.
+TEST_F(ClockedRun, ASourceThatPausedIsFollowedAtOnce) {
+  for (const ClockKind kind : {ClockKind::kArrivals, ClockKind::kLocked}) {
+    for (const std::int64_t pause : {50 * kMs, 500 * kMs, 1500 * kMs}) {
+      World fresh;
+      clock().kind = kind;
+      build_.until(3);
+      for (int i = 0; i < 3000; ++i) {
+        const std::int64_t later = i >= 500 ? pause + 300 * kUs : 0;
+        fresh.source.send(fresh.begin + (i + 1) * kMs + later, kEpoch + i * kMs);
+      }
+      Master master = load(fresh, build_);
+      const Summary s = run(master);
+      EXPECT_EQ(s.ticks, 3000);
+      ASSERT_EQ(fresh.steps.size(), 3000u);
+      for (std::size_t i = 1; i < 3000; ++i) {
+        ASSERT_LE(fresh.steps[i].host - fresh.steps[i - 1].host, 3 * kMs) << text_of(kind) << ' ' << pause << ' ' << i;
+      }
+      EXPECT_NEAR(static_cast<double>(fresh.steps[2999].host), 3000.3e6, 2e6) << text_of(kind) << ' ' << pause;
+      EXPECT_TRUE(s.clock.state.locked) << text_of(kind) << ' ' << pause;
+      EXPECT_EQ(s.overruns, 0) << text_of(kind) << ' ' << pause;
+    }
+  }
+}
+
 TEST_F(ClockedRun, ASilentSourceStopsTheRunOrPausesItIfTheScenarioSaysSo) {
   for (const ClockKind kind : {ClockKind::kArrivals, ClockKind::kLocked}) {
     World fresh;

@@ -130,6 +130,22 @@ TEST(SequenceTracker, SeesThatTheSenderHasBegunAnew) {
   EXPECT_EQ(young.restarts(), 1u);
 }
 
+// A sender that waits for an answer repeats its newest packet. However many copies a late reader finds, and however old they are, it is no new sender.
+TEST(SequenceTracker, TakesCopiesOfTheNewestPacketForNoNewSender) {
+  for (const bool silent : {false, true}) {
+    SequenceTracker tracker(16);
+    for (std::uint32_t k = 0; k < 300; ++k) tracker.add(k);
+    for (int copy = 0; copy < 100; ++copy) EXPECT_EQ(tracker.add(299, silent), SequenceTracker::Arrival::kDuplicate) << copy;
+    EXPECT_EQ(tracker.add(300), SequenceTracker::Arrival::kNew);
+    EXPECT_EQ(tracker.restarts(), 0u);
+    EXPECT_EQ(tracker.duplicates(), 100u);
+    // An old one that comes twice after a silence is the first of a new sender.
+    tracker.add(1, true);
+    EXPECT_EQ(tracker.add(1, true), SequenceTracker::Arrival::kNew);
+    EXPECT_EQ(tracker.restarts(), 1u);
+  }
+}
+
 TEST(FriRating, HasItsQualitiesAtTheirThresholds) {
   RatingSettings settings;
   Rating rating(settings, 5'000'000);
