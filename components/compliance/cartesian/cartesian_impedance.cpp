@@ -50,7 +50,6 @@ void CartesianMotion::impede(Links& links, const FromJoints& in, const robot::Dr
   frame.zeta_T = p.zeta_T[0];
   frame.zeta_R = p.zeta_R[0];
   frame.omega_free = p.omega_free[0];
-  frame.P_T = P_T;
   frame.P_R = P_R;
   frame.turns_with_tool = axes_ == Axes::kTool;
   if (desired_joints_) {
@@ -91,6 +90,7 @@ void CartesianMotion::impede(Links& links, const FromJoints& in, const robot::Dr
   joints_.lambda = 0;               // no motion of the joints is solved for
   constexpr double kSolved = 1e-6;  // rad
   if (impedance_->stiffness_ratio > ImpedanceControl::kSoftest) note(kSoftGears);
+  if (impedance_->stiffness_ratio > ImpedanceControl::kSwinging) note(kSwings);
   if (impedance_->static_error > kSolved) note(kStatics);
   write_outputs(links, {X.p, Q, impedance_->V});
 }

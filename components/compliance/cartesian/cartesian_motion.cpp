@@ -77,7 +77,11 @@ constexpr Notice kNotices[] = {
     {512, "the compliant frame was stopped at p_min or p_max or held at v_max or w_max"},
     {1024,
      "the gains of tracking are too large for the step, so the motors vibrate (K_e_max is 0): choose a smaller omega, K_s or "
-     "shaping, or a shorter step"}};
+     "shaping, or a shorter step"},
+    {2048,
+     "S_T or K_o is above 0.35 of the stiffness of the joints (output stiffness_ratio): the gears let the frame overshoot by "
+     "more than 2 %, also "
+     "with zeta_T = zeta_R = 1"}};
 constexpr std::string_view kNoticeSeparator = "; ";
 
 }  // namespace

@@ -89,7 +89,8 @@ class CartesianMotion {
     kStatics = 128,
     kStiffContact = 256,
     kWall = 512,
-    kGains = 1024
+    kGains = 1024,
+    kSwings = 2048
   };
   struct Motion {
     MovingPose pose;

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "components/compliance/joints/views.h"
+#include "models/numerics/dense.h"
 #include "models/robot/robot_model.h"
 
 namespace cotwin::compliance {
@@ -36,6 +37,15 @@ Matrix3d tangent(const ElasticFrame& frame, const Quaterniond& Q) {
     T.col(k) = (elastic_moment(frame.potential, frame.K_o, further) - m) / kTurn;
   }
   return (T + T.transpose()) / 2;
+}
+
+/// The damping, relative to that of a rigid drive, with which a mode behind gears is at the aperiodic limit: with the mass 1, of which
+/// `links` is that of the links, the stiffness 1 and a deflection of the gears of `twist` under it. By (2a), (2b), (2c) and q̄,
+///   1 + (1 − twist)(1 + links twist s²)(δ s + (1 − links) s²) + links s² = 0,
+/// which has δ = 2 and s = −1 twice for twist = 0; here δ with the root s = −1.
+double damping_behind_gears(double twist, double links) {
+  const double bounded = std::min(twist, ImpedanceControl::kSoftest);
+  return ((1 + links) / ((1 - bounded) * (1 + links * bounded)) + 1 - links) / 2;
 }
 
 }  // namespace
@@ -84,7 +94,7 @@ void ImpedanceControl::torque(Links& links, const robot::FrameOnBody& E, const E
 
   V.noalias() = J6_ * dtheta_;
   const Twist error = V - frame.desired.V;
-  const Wrench damped = damping(frame) * error;
+  const Wrench damped = damping(frame, drives, shaping) * error;
   dissipated = damped.dot(error);
   u_ = l_;
   u_.noalias() -= J6_.transpose() * damped;
@@ -133,13 +143,13 @@ void ImpedanceControl::take_inertia(Links& links, const robot::DriveParameters& 
   A_.noalias() = Y_.transpose().lazyProduct(Y_);
   A_llt_.compute(A_);
   // Near singular poses J̄ is damped. The smallest pivot is an upper bound of the smallest eigenvalue.
-  constexpr double kNear = 1e-3, kDamping = 1e-3;
+  constexpr double kNear = 1e-3, kDamping = 1e-3, kNone = 1e-12;  // kNone, 1/kg: where no joint moves E at all
   const double trace = A_.trace();
   const double least = A_llt_.info() == Eigen::Success ? A_llt_.matrixLLT().diagonal().cwiseAbs2().minCoeff() : 0.0;
   sigma_min = std::sqrt(least);
-  if (least < kNear * trace) {
-    const double depth = 1 - least / (kNear * trace);
-    A_.diagonal().array() += kDamping * depth * depth * trace;
+  if (!(least >= kNear * trace && least > kNone)) {
+    const double depth = 1 - least / std::max(kNear * trace, kNone);
+    A_.diagonal().array() += kDamping * depth * depth * trace + kNone;
     A_llt_.compute(A_);
   }
 }
@@ -240,25 +250,58 @@ void ImpedanceControl::solve_statics(Links& links, const robot::FrameOnBody& E, 
   }
 }
 
-Eigen::Matrix<double, 6, 6> ImpedanceControl::damping(const ElasticFrame& frame) const {
-  Matrix3d D_T = frame.D_T, D_R = frame.D_R;
-  const auto inertia = [&](int first, const Matrix3d& R) -> Matrix3d {
-    // Of the frame, free in the other directions.
-    Eigen::Matrix<double, 3, Eigen::Dynamic, 0, 3, 64> J = R.transpose() * J6_.middleRows<3>(first);
-    Eigen::Matrix<double, Eigen::Dynamic, 3, 0, 64, 3> Y = J.transpose();
-    M_llt_.matrixL().solveInPlace(Y);
-    Matrix3d inverse = Y.transpose() * Y;
-    inverse.diagonal().array() += 1e-6 * inverse.trace() + 1e-12;
-    return inverse.inverse();
-  };
+/// With the inertia A⁻¹ of the rendered directions, A = L Lᵀ, and Lᵀ S L = U Ω² Uᵀ: D_T, D_R and √ζ L⁻ᵀ U diag(2 Ω γ) Uᵀ L⁻¹ √ζ. The modes
+/// L u damp out without coupling if the ratios of translation and rotation are equal.
+ImpedanceControl::Square ImpedanceControl::damping(const ElasticFrame& frame, const robot::DriveParameters& drives,
+                                                   const Joints& shaping) {
+  const Matrix3d& R_BA = axes_of(frame);
   const Matrix3d R_d = frame.desired.Q.toRotationMatrix();
-  if (frame.zeta_T > 0)
-    D_T += frame.P_T * modal_damping(inertia(0, axes_of(frame)), frame.S_T, frame.zeta_T, frame.omega_free) * frame.P_T;
-  if (frame.zeta_R > 0)
-    D_R += frame.P_R * modal_damping(inertia(3, R_d), frame.K_o, frame.zeta_R, frame.omega_free) * frame.P_R;
-  Eigen::Matrix<double, 6, 6> D = Eigen::Matrix<double, 6, 6>::Zero();
-  D.topLeftCorner<3, 3>() = turned(D_T, axes_of(frame));
-  D.bottomRightCorner<3, 3>() = turned(D_R, R_d);
+  Square D = Square::Zero();
+  D.topLeftCorner<3, 3>() = turned(frame.D_T, R_BA);
+  D.bottomRightCorner<3, 3>() = turned(frame.D_R, R_d);
+  if (!(frame.zeta_T > 0 || frame.zeta_R > 0)) return D;
+  Square S = Square::Zero();
+  S.topLeftCorner<3, 3>() = turned(frame.S_T, R_BA);
+  S.bottomRightCorner<3, 3>() = turned(frame.K_o, R_d);
+
+  const auto m = static_cast<Index>(directions_.size());
+  const auto unit = [&](Index k) { return directions_[static_cast<std::size_t>(k)] < 3 ? 1 : JointMotion::kLength; };
+  const auto at = [&](Index k) { return directions_[static_cast<std::size_t>(k)]; };
+  Square L = Square::Identity(), W = Square::Zero();
+  for (Index i = 0; i < m; ++i) {
+    for (Index j = 0; j < m; ++j) {
+      if (j <= i) L(i, j) = A_llt_.matrixLLT()(i, j);
+      W(i, j) = S(at(i), at(j)) / (unit(i) * unit(j));
+    }
+  }
+  W = (L.transpose() * W * L).eval();
+  const numerics::SymmetricEigen<6> modes = numerics::symmetric_eigen<6>((W + W.transpose()) / 2);
+  const Square V = L.transpose().triangularView<Eigen::Upper>().solve(modes.vectors);  // L⁻ᵀ U
+  Square of_modes = Square::Zero();
+  for (Index k = 0; k < 6; ++k) {
+    const double stiffness = std::max(modes.values[k], 0.0);
+    double factor = 1;
+    if (elastic_ && stiffness > 0) {
+      x_.noalias() = Y_ * V.col(k).head(m);  // L_Mᵀ times the motion of the joints in this mode
+      r_.noalias() = M_llt_.matrixL() * x_;  // their torques for an acceleration of 1
+      M_llt_.matrixU().solveInPlace(x_);
+      double motors = 0, twist = 0;
+      for (Index i = 0; i < x_.size(); ++i) {
+        const auto joint = static_cast<std::size_t>(i);
+        const double K = drives.K[joint];
+        if (!(K > 0)) continue;
+        motors += drives.B[joint] / shaping[joint] * x_[i] * x_[i];
+        twist += r_[i] * r_[i] / K;
+      }
+      factor = damping_behind_gears(stiffness * twist, 1 - motors);
+    }
+    const double d = 2 * std::max(std::sqrt(stiffness), frame.omega_free) * factor;
+    of_modes.noalias() += d * V.col(k) * V.col(k).transpose();
+  }
+  const auto ratio = [&](Index k) { return std::sqrt(at(k) < 3 ? frame.zeta_T : frame.zeta_R); };
+  for (Index i = 0; i < m; ++i) {
+    for (Index j = 0; j < m; ++j) D(at(i), at(j)) += unit(i) * unit(j) * ratio(i) * ratio(j) * of_modes(i, j);
+  }
   return D;
 }
 

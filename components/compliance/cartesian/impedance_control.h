@@ -23,9 +23,9 @@ struct ElasticFrame {
   Eigen::Matrix3d S_T = Eigen::Matrix3d::Zero(), D_T = Eigen::Matrix3d::Zero();
   Potential potential = Potential::kQuaternion;
   Eigen::Matrix3d K_o = Eigen::Matrix3d::Zero(), D_R = Eigen::Matrix3d::Zero();  // in the axes of the desired frame
-  double zeta_T = 0, zeta_R = 0;  // damping ratios of all modes, added to D_T and D_R
+  double zeta_T = 0, zeta_R = 0;  // damping ratios of all modes of the rendered directions, added to D_T and D_R
   double omega_free = 0;          // rad/s; of these ratios where there is no stiffness
-  Eigen::Matrix3d P_T = Eigen::Matrix3d::Identity(), P_R = Eigen::Matrix3d::Identity();  // directions that these ratios damp
+  Eigen::Matrix3d P_R = Eigen::Matrix3d::Identity();  // rendered directions of rotation
   // The axes of S_T turn with E, so that the force has a moment about it: the spring is fixed to the tool.
   bool turns_with_tool = false;
 };
@@ -55,7 +55,8 @@ struct ElasticLimits {
 ///   l(q̄) = M q̈_r + C q̇_r + g − Jᵀ [S_T Δ; 2 EᵀK_o ε],   q̇_r = J̄ ẋ_d,   q̈_r = J̄ (ẍ_d − J̇ q̇_r)      all at q̄
 ///   K (θ − q̄) = l(q̄)                                                    q̄(θ): the links at rest for the motors at θ
 /// (Ott, Albu-Schäffer, Kugi, Hirzinger, IEEE T-RO 24(2), 2008; desired motion as by Slotine and Li). Rigid joints have q̄ = q and
-/// θ̇ = q̇. J̄, N and the damping ratios use the inertia M + B/r that u moves.
+/// θ̇ = q̇. J̄ and N use the inertia M + B/r that u moves. The damping ratios are those of the modes of all rendered directions together, with this
+/// inertia and the compliance of the gears: at ζ = 1 E does not swing beyond a desired pose that jumps along an axis of S.
 ///
 /// For a desired frame at rest u is the gradient of a potential of θ, and a damping. So the robot is passive from external torques
 /// to q̇ in continuous time, in contact with any passive environment, for any S, K_o, D ≥ 0 and K_n = 0 (docs/equations.md). The
@@ -66,6 +67,8 @@ struct ElasticLimits {
 class ImpedanceControl {
  public:
   static constexpr double kSoftest = 0.8;
+  static constexpr double kSwinging =
+      0.35;  // ρ; above it E swings by more than 2 % also at ζ = 1, because motors alone cannot damp the gears
 
   /// `directions` as JointMotion.
   ImpedanceControl(const robot::RobotModel& robot, std::vector<int> directions);
@@ -96,7 +99,8 @@ class ImpedanceControl {
   const Eigen::Matrix3d& axes_of(const ElasticFrame& frame) const { return frame.turns_with_tool ? X.R : frame.R_BA; }
   void solve_statics(Links& links, const robot::FrameOnBody& E, const ElasticFrame& frame, const robot::DriveParameters& drives,
                      const Joints& theta);
-  Eigen::Matrix<double, 6, 6> damping(const ElasticFrame& frame) const;
+  using Square = Eigen::Matrix<double, 6, 6>;
+  Square damping(const ElasticFrame& frame, const robot::DriveParameters& drives, const Joints& shaping);
 
   std::vector<int> directions_;
   // Scratch.
