@@ -155,6 +155,8 @@ void Compliance::declare(Variables& v) {
   if (terms_) terms_->declare(joints);
   if (cartesian_) joints.state("tau_cut", tau_cut_, "N.m", "tau_excess of the last step, for brake_saturated");
   if (cartesian_) cartesian_->declare_search(v);
+  joints.parameter(drive_, robot::drive_parameter("D"), true,
+                   "; used with space=cartesian, for K_e_max and the check whether render=impedance vibrates");
 }
 
 void Compliance::check() {

@@ -2,7 +2,9 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <array>
+#include <charconv>
 #include <cmath>
+#include <string_view>
 
 #include "components/compliance/cartesian/cartesian_motion.h"
 #include "components/compliance/cartesian/frame/contact_stiffness.h"
@@ -20,6 +22,29 @@ using Eigen::Vector3d;
 MovingPose earlier(const MovingPose& pose, const Twist& acceleration, double h) {
   const Twist back = -h * pose.V + h * h / 2 * acceleration;
   return {pose.p + back.head<3>(), quaternion_of(back.tail<3>()) * pose.Q, pose.V - h * acceleration};
+}
+
+/// The share of a parameter, 1 of which is not stable, up to which all less shares that are looked at are stable, to 1 %; 0: none.
+template <class Stable>
+double stable_share(Stable stable) {
+  constexpr int kParts = 8;
+  constexpr double kExact = 0.01, kLeast = 0.01;
+  double low = 0, high = 1;
+  // Stability need not be lost once and for all: the first loss counts.
+  for (int k = 0; k < kParts; ++k) {
+    const double share = std::max(static_cast<double>(k) / kParts, kLeast);
+    if (!stable(share)) {
+      high = share;
+      break;
+    }
+    low = share;
+  }
+  if (low == 0) return 0;
+  while (high - low > kExact * high) {
+    const double middle = (low + high) / 2;
+    (stable(middle) ? low : high) = middle;
+  }
+  return low;
 }
 
 }  // namespace
@@ -59,12 +84,11 @@ void CartesianMotion::impede(Links& links, const FromJoints& in, const robot::Dr
   }
   const Posture posture{q_scratch_, dq_scratch_, ddq_scratch_};
   const ElasticLimits elastic{*impedance_limits_, limits, tau_e, h};
-  impedance_->torque(links, joints_.frame(), frame,
-                     {.q_0 = in.q,
-                      .self_motion = impedance_self_motion_.get(),
-                      .gains = gains(),
-                      .desired = desired_joints_ ? &posture : nullptr},
-                     drives, measured, shaping, h > 0 ? &elastic : nullptr, tau_m);
+  const ElasticPosture null_space{.q_0 = in.q,
+                                  .self_motion = impedance_self_motion_.get(),
+                                  .gains = gains(),
+                                  .desired = desired_joints_ ? &posture : nullptr};
+  impedance_->torque(links, joints_.frame(), frame, null_space, drives, measured, shaping, h > 0 ? &elastic : nullptr, tau_m);
 
   const Pose& X = impedance_->X;
   Quaterniond Q(X.R);
@@ -93,6 +117,53 @@ void CartesianMotion::impede(Links& links, const FromJoints& in, const robot::Dr
   if (impedance_->stiffness_ratio > ImpedanceControl::kSwinging) note(kSwings);
   if (impedance_->static_error > kSolved) note(kStatics);
   write_outputs(links, {X.p, Q, impedance_->V});
+  if (h > checked_step_) check_sampling(links, frame, null_space, drives, shaping, h);
+}
+
+/// Once at the start, and where a step is longer than those before.
+void CartesianMotion::check_sampling(Links& links, const ElasticFrame& frame, const ElasticPosture& posture,
+                                     const robot::DriveParameters& drives, const Joints& shaping, double h) {
+  const double ratio = impedance_->stiffness_ratio;  // an output, which linearise() changes
+  checked_step_ = sampled_.step = h;
+  const auto stable = [&](double of_delay, double of_shaping, double of_stiffness) {
+    ElasticFrame changed = frame;
+    changed.S_T *= of_stiffness;
+    changed.K_o *= of_stiffness;
+    for (std::size_t i = 0; i < shaping.size(); ++i) shaping_scratch_[i] = 1 + of_shaping * (shaping[i] - 1);
+    impedance_->linearise(links, changed, posture, drives, shaping_scratch_, sampled_);
+    sampled_.delay = of_delay * delay_;
+    return sampled_loop_->growth(sampled_) < SampledLoop::kNone;
+  };
+  if (!stable(1, 1, 1)) {
+    gears_undamped_ = (sampled_.K.array() > 0 && sampled_.D.array() == 0).any() ? 1 : 0;
+    const double most = *std::ranges::max_element(shaping);
+    delay_border_ = delay_ > 0 ? delay_ * stable_share([&](double share) { return stable(share, 1, 1); }) : 0;
+    const double share = most > 1 ? stable_share([&](double part) { return stable(1, part, 1); }) : 0;
+    shaping_border_ = share > 0 ? 1 + share * (most - 1) : 0;
+    stiffness_border_ = stable_share([&](double part) { return stable(1, 1, part); });
+    note(kSampling);
+  }
+  impedance_->stiffness_ratio = ratio;
+}
+
+void CartesianMotion::append_sampling(std::string& warning) const {
+  const auto append = [&](double value, std::string_view after) {
+    char digits[32];
+    warning.append(digits, std::to_chars(digits, digits + sizeof digits, value, std::chars_format::general, 3).ptr);
+    warning += after;
+  };
+  warning += "the torques of render=impedance, held for a step of ";
+  append(1e3 * checked_step_, " ms");
+  if (delay_ > 0) {
+    warning += " and from measurements that are ";
+    append(1e3 * delay_, " ms old (delay)");
+  }
+  warning += ", make the robot vibrate: expected a shorter step";
+  if (delay_ > 0) warning += ", less delay";
+  if (gears_undamped_ != 0) warning += ", D of the gears if they are damped (0 is given)";
+  if (delay_border_ > 0) warning += ", delay <= ", append(1e3 * delay_border_, " ms");
+  if (shaping_border_ > 0) warning += ", shaping <= ", append(shaping_border_, "");
+  if (stiffness_border_ > 0) warning += ", S_T and K_o <= ", append(stiffness_border_, " of their values");
 }
 
 void CartesianMotion::find_contact_stiffness(Links& links, const robot::DriveParameters& drives, const Gains& gains,

@@ -126,7 +126,9 @@ CartesianMotion::CartesianMotion(Settings& settings, const robot::RobotModel& ro
       self_motion_(settings, robot, directions_, wrench_of_joints_),
       joints_(robot, self_motion_),
       contact_(robot.n()),
-      following_(robot.n()) {
+      following_(robot.n()),
+      sampled_(robot.n()),
+      shaping_scratch_(static_cast<std::size_t>(robot.n())) {
   const Index n = robot.n();
   for (VectorXd* v : {&q_scratch_, &dq_scratch_, &ddq_scratch_, &tau_scratch_}) v->setZero(n);
   J_.setZero(6, n);
@@ -146,6 +148,7 @@ CartesianMotion::CartesianMotion(Settings& settings, const robot::RobotModel& ro
     impedance_ = std::make_unique<ImpedanceControl>(robot, directions_);
     impedance_self_motion_ = std::make_unique<ImpedanceSelfMotion>(robot, self_motion_);
     impedance_limits_ = std::make_unique<ImpedanceLimits>(n);
+    sampled_loop_ = std::make_unique<SampledLoop>(robot.n());
   }
   contact_total_.setZero(n, n);
 }
@@ -333,6 +336,8 @@ void CartesianMotion::start(Links& links, const FromJoints& in) {
   is_prepared_ = false;
   met_ = 0;
   contact_turn_ = 0;
+  gears_undamped_ = 0;
+  checked_step_ = delay_border_ = shaping_border_ = stiffness_border_ = 0;
   contact_.reset();
   tank_ = std::min(tank_start_, tank_max_);
   const Motion d = desired(links, in);
@@ -463,7 +468,8 @@ void CartesianMotion::note(Met what) {
 std::size_t CartesianMotion::longest_warning() {
   std::size_t length = 0;
   for (const Notice& s : kNotices) length += s.text.size() + kNoticeSeparator.size();
-  return length;
+  constexpr std::size_t kOfSampling = 512;
+  return length + kOfSampling;
 }
 
 void CartesianMotion::append_warning(std::string& warning) const {
@@ -472,6 +478,9 @@ void CartesianMotion::append_warning(std::string& warning) const {
     if (!warning.empty()) warning += kNoticeSeparator;
     warning += s.text;
   }
+  if ((met_ & kSampling) == 0) return;
+  if (!warning.empty()) warning += kNoticeSeparator;
+  append_sampling(warning);
 }
 
 }  // namespace cotwin::compliance

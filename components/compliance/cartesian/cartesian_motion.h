@@ -15,6 +15,7 @@
 #include "components/compliance/cartesian/frame/walls.h"
 #include "components/compliance/cartesian/impedance_control.h"
 #include "components/compliance/cartesian/joint_motion.h"
+#include "components/compliance/cartesian/sampled_loop.h"
 #include "components/compliance/cartesian/self_motion.h"
 #include "components/unit/settings.h"
 #include "components/unit/variables.h"
@@ -90,7 +91,8 @@ class CartesianMotion {
     kStiffContact = 256,
     kWall = 512,
     kGains = 1024,
-    kSwings = 2048
+    kSwings = 2048,
+    kSampling = 4096
   };
   struct Motion {
     MovingPose pose;
@@ -109,6 +111,9 @@ class CartesianMotion {
                      const Wrench& F_mean, double h);
   void hold_frame_at_joints(Links& links, const Motion& d, Motion& c);
   void note(Met what);
+  void check_sampling(Links& links, const ElasticFrame& frame, const ElasticPosture& posture,
+                      const robot::DriveParameters& drives, const Joints& shaping, double h);
+  void append_sampling(std::string& warning) const;
   void take_robot_in_contact(Links& links, const robot::DriveParameters& drives, const Gains& gains, const Eigen::Matrix3d& R_T,
                              const Eigen::Matrix3d& R_R);
   JointMotionGains gains() const;
@@ -167,8 +172,14 @@ class CartesianMotion {
   std::unique_ptr<ImpedanceControl> impedance_;  // nullptr: render=admittance
   std::unique_ptr<ImpedanceSelfMotion> impedance_self_motion_;
   std::unique_ptr<ImpedanceLimits> impedance_limits_;
-  std::array<double, 6> K_e_{};      // N/m, N.m/rad; 0: unknown
-  double omega_t_ = 0, zeta_t_ = 1;  // rad/s, 1
+  std::unique_ptr<SampledLoop> sampled_loop_;
+  double delay_ = 0;  // s
+  // States: the step that was checked last and, where the robot vibrates, the values up to which it does not.
+  double checked_step_ = 0;                                              // s; 0: none
+  std::int32_t gears_undamped_ = 0;
+  double delay_border_ = 0, shaping_border_ = 0, stiffness_border_ = 0;  // s, 1, 1
+  std::array<double, 6> K_e_{};                                          // N/m, N.m/rad; 0: unknown
+  double omega_t_ = 0, zeta_t_ = 1;                                      // rad/s, 1
   ContactSweep contact_;
   std::int32_t contact_turn_ = 0;
 
@@ -190,6 +201,8 @@ class CartesianMotion {
   Eigen::Matrix<double, 6, Eigen::Dynamic> J_, J_S_;
   bool news_ = false;
   FollowingRobot following_;
+  SampledRobot sampled_;
+  Joints shaping_scratch_;
   Eigen::MatrixXd contact_total_;
 };
 

@@ -104,7 +104,18 @@ void CartesianMotion::declare(Variables& v) {
 }
 
 void CartesianMotion::declare_search(Variables& v) {
-  if (impedance_) return;
+  if (impedance_) {
+    v.parameter("delay", delay_, "s",
+                "age of the measurements at the beginning of a step (bus, filters), for the check whether the robot vibrates")
+        .range(0, 1);
+    v.state("checked_step", checked_step_, "s", "the longest step that this check was made for; 0: none");
+    v.state("gears_undamped", gears_undamped_, "where the robot vibrates: 1 if D is 0 for an elastic joint");
+    v.state("delay_border", delay_border_, "s", "where the robot vibrates: the delay up to which it does not; 0: none helps");
+    v.state("shaping_border", shaping_border_, "1", "likewise of the largest shaping");
+    v.state("stiffness_border", stiffness_border_, "1",
+            "likewise of S_T and K_o, with their damping, relative to their values");
+    return;
+  }
   v.state("K_e_least", contact_.least, "1", "as K_e_max, of the frequencies that the present search has passed");
   v.state("contact_before", contact_.before, "1", "-1/G at the last frequency of the search, real and imaginary parts");
   v.state("contact_frequency", contact_.Omega, "rad/s", "the last frequency of the search; 0: a new search begins");

@@ -179,11 +179,7 @@ void ImpedanceControl::take_stiffness(const ElasticFrame& frame, const robot::Dr
   relief_ = 1;
   if (!elastic_) return;
   const Index n = q_bar.size();
-  Eigen::Matrix<double, 6, 6> S = Eigen::Matrix<double, 6, 6>::Zero();
-  S.topLeftCorner<3, 3>() = turned(frame.S_T, axes_of(frame));
-  S.bottomRightCorner<3, 3>() = turned(tangent(frame, rotation(frame, X)), frame.desired.Q.toRotationMatrix());
-  SJ_.noalias() = S.lazyProduct(J6_);
-  S_q_.noalias() = J6_.transpose().lazyProduct(SJ_);
+  take_stiffness_of_joints(frame);
   for (Index i = 0; i < n; ++i) {
     const double K = drives.K[static_cast<std::size_t>(i)], scale = K > 0 ? 1 / std::sqrt(K) : 0.0;
     S_q_.row(i) *= scale;
@@ -198,6 +194,46 @@ void ImpedanceControl::take_stiffness(const ElasticFrame& frame, const robot::Dr
   square_ = -relief_ * S_q_;
   square_.diagonal().array() += 1;
   statics_.compute(square_);
+}
+
+/// S_q = Jᵀ S J
+void ImpedanceControl::take_stiffness_of_joints(const ElasticFrame& frame) {
+  Square S = Square::Zero();
+  S.topLeftCorner<3, 3>() = turned(frame.S_T, axes_of(frame));
+  S.bottomRightCorner<3, 3>() = turned(tangent(frame, rotation(frame, X)), frame.desired.Q.toRotationMatrix());
+  SJ_.noalias() = S.lazyProduct(J6_);
+  S_q_.noalias() = J6_.transpose().lazyProduct(SJ_);
+}
+
+void ImpedanceControl::linearise(Links& links, const ElasticFrame& frame, const ElasticPosture& posture,
+                                 const robot::DriveParameters& drives, const Joints& shaping, SampledRobot& robot) {
+  take_inertia(links, drives, shaping);
+  take_stiffness(frame, drives);
+  take_stiffness_of_joints(frame);
+  robot.H = S_q_;
+  SJ_.noalias() = damping(frame, drives, shaping).lazyProduct(J6_);
+  robot.R.noalias() = J6_.transpose().lazyProduct(SJ_);
+  const bool goals = posture.self_motion != nullptr;
+  const double D = goals ? posture.gains.k_nu : posture.D;
+  const double K = !goals ? posture.K : posture.desired != nullptr ? D * D / 4 : 0.0;
+  robot.M = M_;
+  for (Index i = 0; i < q_bar.size(); ++i) {
+    const auto k = static_cast<std::size_t>(i);
+    const bool soft = drives.K[k] > 0;
+    // The null space: M + B/r less its part in the directions of E.
+    task_ = J_.col(i);
+    A_llt_.solveInPlace(task_);
+    x_ = M_.col(i);
+    x_.noalias() -= J_.transpose() * task_;
+    robot.R.col(i) += D * x_;
+    robot.H.col(i) += K * x_;
+    robot.M(i, i) -= drives.B[k] / (soft ? shaping[k] : 1.0);
+    robot.B[i] = drives.B[k];
+    robot.K[i] = drives.K[k];
+    robot.D[i] = drives.D[k];
+    robot.shaping[i] = soft ? shaping[k] : 1.0;
+  }
+  robot.relief = relief_;
 }
 
 Wrench ImpedanceControl::spring(const ElasticFrame& frame) const {

@@ -9,6 +9,7 @@
 #include "components/compliance/cartesian/impedance_limits.h"
 #include "components/compliance/cartesian/impedance_self_motion.h"
 #include "components/compliance/cartesian/joint_motion.h"
+#include "components/compliance/cartesian/sampled_loop.h"
 #include "components/compliance/joints/links.h"
 #include "components/compliance/joints/tracking.h"
 #include "models/robot/drives/drive_parameters.h"
@@ -80,6 +81,11 @@ class ImpedanceControl {
               const robot::DriveParameters& drives, const Measured& measured, const Joints& shaping,
               const ElasticLimits* limits, Joints& tau_m);
 
+  /// After torque(), also with another stiffness and shaping: the linearised robot, links and law, without goals, held frames and limits,
+  /// into `robot`; not its step and delay. Changes the results.
+  void linearise(Links& links, const ElasticFrame& frame, const ElasticPosture& posture, const robot::DriveParameters& drives,
+                 const Joints& shaping, SampledRobot& robot);
+
   // State.
   Eigen::VectorXd twist;  // rad; θ − q̄ where the iteration starts
   // Results of torque().
@@ -95,6 +101,7 @@ class ImpedanceControl {
   void take_inertia(Links& links, const robot::DriveParameters& drives, const Joints& shaping);
   void take_reference(Links& links, const robot::FrameOnBody& E, const ElasticFrame& frame);
   void take_stiffness(const ElasticFrame& frame, const robot::DriveParameters& drives);
+  void take_stiffness_of_joints(const ElasticFrame& frame);
   Wrench spring(const ElasticFrame& frame) const;
   const Eigen::Matrix3d& axes_of(const ElasticFrame& frame) const { return frame.turns_with_tool ? X.R : frame.R_BA; }
   void solve_statics(Links& links, const robot::FrameOnBody& E, const ElasticFrame& frame, const robot::DriveParameters& drives,
