@@ -440,6 +440,40 @@ TEST(Package, CarriesARobotToTheLastBit) {
   EXPECT_EQ(*back.robot, robot);
 }
 
+TEST(Package, CarriesASceneWithItsHeightsAndGears) {
+  scene::Scene scene;
+  scene.name = "s";
+  scene.bodies.resize(3);
+  scene::HeightField::Image image{3, 2, {0, 1, 65535, 7, 8, 9}, 2, 0.1, 0.2, 1e-4};
+  scene.bodies[0].name = "ground";
+  scene.bodies[0].motion = scene::Motion::kStatic;
+  scene.bodies[0].shapes.resize(1);
+  scene.bodies[0].shapes[0].type = scene::ShapeType::kHeightmap;
+  scene.bodies[0].shapes[0].heights.field = std::make_shared<const scene::HeightField>(image);
+  for (const int k : {1, 2}) {
+    scene::Body& body = scene.bodies[static_cast<std::size_t>(k)];
+    body.name = std::to_string(k);
+    body.inertia.mass = 1;
+    body.inertia.I_CC.setIdentity();
+    scene::Joint& joint = scene.joints.emplace_back();
+    joint.name = "joint" + body.name;
+    joint.child = k;
+  }
+  scene.gears.push_back({0, 1, -2, 0.5});
+  Package package;
+  scene::Cell cell;
+  cell.scene = scene;
+  package.cell = std::make_shared<const scene::Cell>(cell);
+  const std::string bytes = serialise(package);
+  const Package back = deserialise_package(bytes, "unit.bin");
+  ASSERT_NE(back.cell, nullptr);
+  EXPECT_EQ(back.cell->scene, scene);
+
+  image.grey.back() = 10;
+  scene.bodies[0].shapes[0].heights.field = std::make_shared<const scene::HeightField>(image);
+  EXPECT_FALSE(back.cell->scene == scene);
+}
+
 TEST(Package, IsRefusedWithAnyByteDamagedOrMissing) {
   Package package;
   package.unit = "x";

@@ -94,9 +94,9 @@ Advance::Advance(const scene::Scene& scene, std::span<const RigidBody> bodies, s
       piece.convex = &from.convex;
       piece.X_PC = bodies[b].X_PB * from.convex.X_BC;
       piece.rigid = !scene.bodies[b].shapes[static_cast<std::size_t>(from.shape)].material.soft();
-      if (from.convex.core == Core::kPlane) {
+      if (from.convex.core == Core::kPlane || from.convex.core == Core::kHeights) {
         piece.radius = piece.reach = piece.least = kInfinity;
-        body.has_plane = true;
+        body.unbounded = true;
       } else {
         piece.radius = from.convex.extent.norm() + from.convex.round;
         piece.reach = piece.X_PC.p.norm() + from.convex.extent.norm();
@@ -107,7 +107,7 @@ Advance::Advance(const scene::Scene& scene, std::span<const RigidBody> bodies, s
       pieces_.push_back(piece);
     }
     body.end = pieces_.size();
-    const bool free = bodies[b].dynamic() && linked[b] == 0 && body.end > body.first && !body.has_plane;
+    const bool free = bodies[b].dynamic() && linked[b] == 0 && body.end > body.first && !body.unbounded;
     body.limit = free ? std::clamp(kShareOfSize * least, kLeastMotion, kMostMotion) : kInfinity;
   }
 }
@@ -163,17 +163,22 @@ void Advance::find_stops(std::span<const RigidBody> bodies, double h, double nea
 }
 
 /// Infinite if the bodies do not meet before both stop.
-double Advance::time_of_impact(std::span<const RigidBody> bodies, std::size_t a, std::size_t b, double h, double near) const {
+double Advance::time_of_impact(std::span<const RigidBody> bodies, std::size_t a, std::size_t b, double h, double near) {
   const RigidBody &A = bodies[a], &B = bodies[b];
   const double stop_a = stops_[a], stop_b = fast_[b] != 0 ? stops_[b] : 0;
   const Vector3d way = stop_a * A.v;
   const double motion = stop_b > 0 ? stop_b * B.v.norm() : 0;
-  if (!bodies_[b].has_plane && distance_from_segment(B.p, A.p, way) > A.radius + B.radius + motion) return kInfinity;
+  if (!bodies_[b].unbounded && distance_from_segment(B.p, A.p, way) > A.radius + B.radius + motion) return kInfinity;
   if (collision_->ignores(static_cast<int>(a), static_cast<int>(b))) return kInfinity;
   double end = std::max(stop_a, stop_b);
   double first = kInfinity;
   for (std::size_t j = bodies_[b].first; j < bodies_[b].end; ++j) {
     const Piece& of_b = pieces_[j];
+    if (of_b.convex->core == Core::kHeights) {
+      const double t = time_of_impact(A, bodies_[a], B, of_b, end, near);
+      if (t < end) first = end = t;
+      continue;
+    }
     const Vector3d offset = B.R * of_b.X_PC.p;
     const double moved = motion + (stop_b > 0 ? h * B.w.norm() * offset.norm() : 0);
     if (distance_from_segment(B.p + offset, A.p, way) > A.radius + of_b.radius + moved) continue;
@@ -185,10 +190,42 @@ double Advance::time_of_impact(std::span<const RigidBody> bodies, std::size_t a,
   return first;
 }
 
-double Advance::time_of_impact(const RigidBody& a, const RigidBody& b, const Piece& of_a, const Piece& of_b, double stop_a,
-                               double stop_b, double end, double near) const {
-  const double least = std::min(of_a.least, of_b.least);
+/// Infinite if the body does not meet the ground before `stop_a`. The ground is one surface: a body that touches it somewhere slides
+/// over its seams.
+double Advance::time_of_impact(const RigidBody& a, const Body& pieces_of_a, const RigidBody& b, const Piece& ground,
+                               double stop_a, double near) {
+  const Pose X_WP{b.R, b.p}, X_CW = (X_WP * ground.X_PC).inverse();
+  const Vector3d start = X_CW * a.p, end_of_way = X_CW * Vector3d(a.p + stop_a * a.v), reach = Vector3d::Constant(a.radius);
+  Piece of_b = ground;
+  of_b.convex = &column_;
+  const auto for_each = [&](const Vector3d& to, auto&& visit) {
+    for (Columns columns(*ground.convex, start.cwiseMin(to) - reach, start.cwiseMax(to) + reach); columns.next();) {
+      columns.write(column_);
+      of_b.X_PC = ground.X_PC * column_.X_BC;
+      of_b.least = column_.extent.minCoeff();
+      for (std::size_t i = pieces_of_a.first; i < pieces_of_a.end; ++i) visit(pieces_[i]);
+    }
+  };
+  bool touches = false;
   double floor = 0;
+  for_each(start, [&](const Piece& of_a) {
+    const Distance d = distance(place(a, of_a.X_PC, *of_a.convex, a.p), place(b, of_b.X_PC, column_, a.p));
+    if (d.gap > near) return;
+    touches = true;
+    floor = std::min(floor, std::min(d.gap, 0.0) - std::min(kDeeper * of_a.least, kDeepest));
+  });
+  double first = kInfinity, end = stop_a;
+  for_each(end_of_way, [&](const Piece& of_a) {
+    if (touches && (!of_a.rigid || !ground.rigid)) return;
+    const double t = time_of_impact(a, b, of_a, of_b, stop_a, 0, end, touches ? -kInfinity : near, floor);
+    if (t < end) first = end = t;
+  });
+  return first;
+}
+
+double Advance::time_of_impact(const RigidBody& a, const RigidBody& b, const Piece& of_a, const Piece& of_b, double stop_a,
+                               double stop_b, double end, double near, double floor) const {
+  const double least = std::min(of_a.least, of_b.least);
   double t = 0;
   for (int step = 0; step < kSteps; ++step) {
     RigidBody at_a = a, at_b = b;

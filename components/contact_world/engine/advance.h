@@ -5,6 +5,7 @@
 
 #include "components/contact_world/engine/body/body.h"
 #include "components/contact_world/engine/collision/collision.h"
+#include "components/contact_world/engine/collision/terrain.h"
 #include "models/scene/scene.h"
 
 namespace cotwin::contact_world {
@@ -49,18 +50,23 @@ class Advance {
     std::size_t first = 0, end = 0;  // pieces
     double reach = 0;                // largest of the pieces, m
     double limit = 0;                // motion in a step beyond which it is fast, m; infinite: never
-    bool has_plane = false;
+    bool unbounded = false;          // has a plane or a height field
   };
 
-  double time_of_impact(std::span<const RigidBody> bodies, std::size_t a, std::size_t b, double h, double near) const;
+  double time_of_impact(std::span<const RigidBody> bodies, std::size_t a, std::size_t b, double h, double near);
+  /// `ground`: a height field on b, which is static.
+  double time_of_impact(const RigidBody& a, const Body& pieces_of_a, const RigidBody& b, const Piece& ground, double stop_a,
+                        double near);
+  /// `floor`: gap at which the pieces meet, if they have no contact points at the start.
   double time_of_impact(const RigidBody& a, const RigidBody& b, const Piece& of_a, const Piece& of_b, double stop_a,
-                        double stop_b, double end, double near) const;
+                        double stop_b, double end, double near, double floor = 0) const;
 
   const Collision* collision_ = nullptr;
   std::vector<Piece> pieces_;
   std::vector<Body> bodies_;
   std::vector<char> fast_;
   std::vector<double> stops_;
+  Convex column_ = make_column();
   bool any_ = false;
 };
 

@@ -20,7 +20,8 @@ namespace cotwin::scene {
 ///              cotwin:round_hole), surface:
 ///              friction/ode/mu, mu2, fdir1, friction/torsional, bounce/restitution_coefficient, contact/ode/kp and kd (kp absent
 ///              or 10¹²: rigid), contact/cotwin:foundation. Convex meshes become hulls, concave ones triangles (mesh.h), with a warning;
-///              heightmap: uri (a PNG with grey pixels), size, pos, sampling, on static bodies only (heightmap.h)
+///              heightmap: uri (a PNG with grey pixels), size, pos, sampling, on static bodies only, at most
+///              4097 × 4097 (heightmap.h)
 ///   joint      revolute, continuous, prismatic, ball, fixed, screw (screw_thread_pitch, thread_pitch), universal and revolute2
 ///              (two hinges `name`, `name.axis2` and a light body `name.cross`), gearbox (a gear between two hinges on its
 ///              reference body); pose, parent, child, axis, axis2: xyz, limit, dynamics (damping, friction, spring_stiffness,

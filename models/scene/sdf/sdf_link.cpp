@@ -117,7 +117,7 @@ struct Geometry {
   std::optional<Inertia> unit;
 };
 
-std::vector<Shape> read_heightmap(const xml::Element& element, bool is_static, const fs::path& folder, const Warn& warn) {
+Shape read_heightmap(const xml::Element& element, bool is_static, const fs::path& folder, const Warn& warn) {
   check_children(element, {"uri", "size", "pos", "sampling"}, {"texture", "blend", "use_terrain_paging"}, {}, warn);
   if (!is_static) throw Error(element.place, "a <heightmap> on a moving body, expected a static one");
   Heightmap map;
@@ -134,24 +134,24 @@ std::vector<Shape> read_heightmap(const xml::Element& element, bool is_static, c
   const fs::path file = find_file(uri, folder);
   const std::string name = file.string();
   GreyImage image;
-  std::vector<Shape> shapes;
+  Shape shape;
   try {
-    // An image of two columns has fewer triangles than pixels; heightmap_shapes() has the exact limit.
-    image = parse_png(text::read_file(file, "a PNG image"), name, 2 * kMostHeightmapTriangles);
+    // An image of two columns has fewer triangles than pixels.
+    image = parse_png(text::read_file(file, "a PNG image"), name, HeightField::kMostTriangles + 2);
   } catch (const Error& e) {
     throw Error(uri.place, e.what());
   }
+  const std::size_t width = image.width, height = image.height, cells = width - 1;
   try {
-    shapes = heightmap_shapes(image, map);
+    shape = heightmap_shape(std::move(image), map);
   } catch (const Error& e) {
     throw Error(uri.place, name + ": " + e.what());
   }
-  const std::size_t cells = image.width - 1;
-  if (image.width != image.height || (cells & (cells - 1)) != 0) {
-    warn(uri.place, file.filename().string() + ": " + std::to_string(image.width) + " × " + std::to_string(image.height) +
+  if (width != height || (cells & (cells - 1)) != 0) {
+    warn(uri.place, file.filename().string() + ": " + std::to_string(width) + " × " + std::to_string(height) +
                         " pixels are read, but Gazebo expects a square with 2^n + 1 pixels on a side");
   }
-  return shapes;
+  return shape;
 }
 
 Geometry read_geometry(const xml::Element& geometry, bool is_static, const fs::path& folder, const Warn& warn) {
@@ -219,7 +219,7 @@ Geometry read_geometry(const xml::Element& geometry, bool is_static, const fs::p
       throw Error(normal->place, "<normal> of length " + text::to_text(n.norm(), 6) + ", expected a direction");
     shape.X_BS.R = Eigen::Quaterniond::FromTwoVectors(Vector3d::UnitZ(), n).toRotationMatrix();
   } else if (!ours && kind->name == "mesh") {
-    check_children(*kind, {"uri", "scale"}, {}, {}, warn);
+    check_children(*kind, {"uri", "scale", "submesh"}, {}, {}, warn);
     if (const xml::Element* part = only(*kind, "submesh"))
       throw Error(part->place, "<submesh> is not supported, expected a separate file");
     const xml::Element* scale = only(*kind, "scale");
@@ -233,7 +233,7 @@ Geometry read_geometry(const xml::Element& geometry, bool is_static, const fs::p
       throw Error(uri.place, e.what());
     }
   } else if (!ours && kind->name == "heightmap") {
-    return {read_heightmap(*kind, is_static, folder, warn), {}};
+    return {{read_heightmap(*kind, is_static, folder, warn)}, {}};
   } else {
     throw Error(kind->place, "<" + kind->name +
                                  "> as a shape, expected box, sphere, cylinder, capsule, ellipsoid, cone, plane, mesh, "

@@ -42,10 +42,11 @@ std::string terrain(const std::string& inside, bool is_static = true) {
          inside + "</heightmap></geometry></collision></link></model></world></sdf>";
 }
 
-/// Height of the triangles at (x, y); NaN where there is none.
-double height(const std::vector<Shape>& triangles, double x, double y) {
-  for (const Shape& t : triangles) {
-    const Vector3d &a = t.vertices[0], u = t.vertices[1] - a, v = t.vertices[2] - a;
+/// Height of the triangles at (x, y) in the body's frame; NaN where there is none.
+double height(const Shape& ground, double x, double y) {
+  for (std::size_t number = 0; number < ground.heights->triangles(); ++number) {
+    const HeightField::Triangle t = ground.heights->triangle(number);
+    const Vector3d a = ground.X_BS * t.corners[0], u = t.corners[1] - t.corners[0], v = t.corners[2] - t.corners[0];
     const double det = u.x() * v.y() - u.y() * v.x(), p = x - a.x(), q = y - a.y();
     const double s = (p * v.y() - q * v.x()) / det, r = (u.x() * q - u.y() * p) / det;
     if (s >= -1e-9 && r >= -1e-9 && s + r <= 1 + 1e-9) return a.z() + s * u.z() + r * v.z();
@@ -92,19 +93,42 @@ TEST(Heightmap, HasTheBrightestPixelAtItsSizeAndTheTopRowAtTheLargestY) {
   const Scene scene = parse_sdf(terrain("<uri>h.png</uri><size>4 8 1.4</size><pos>10 20 -3</pos><texture/>"),
                                 folder.path() / "s.sdf", &warnings);
   EXPECT_THAT(warnings, IsEmpty());
-  const std::vector<Shape>& triangles = scene.bodies[0].shapes;
-  ASSERT_EQ(triangles.size(), 32u);
+  ASSERT_EQ(scene.bodies[0].shapes.size(), 1u);
+  const Shape& ground = scene.bodies[0].shapes[0];
+  ASSERT_EQ(ground.heights->triangles(), 32u);
   for (const double x : {-2., -1.3, 0., 0.6, 2.}) {
     for (const double y : {-4., -3.3, 0., 1.7, 4.}) {
       const double value = 400 * (x + 2) + 1000 * (y + 4) / 2;  // a plane, so that interpolation is exact
-      EXPECT_NEAR(height(triangles, 10 + x, 20 + y), -3 + 1.4 * value / 5600, 1e-12) << x << " " << y;
+      EXPECT_NEAR(height(ground, 10 + x, 20 + y), -3 + 1.4 * value / 5600, 1e-12) << x << " " << y;
     }
   }
-  EXPECT_TRUE(std::isnan(height(triangles, 12.01, 20)));
-  for (const Shape& t : triangles) {
-    const Vector3d n = (t.vertices[1] - t.vertices[0]).cross(t.vertices[2] - t.vertices[0]);
-    EXPECT_GT(n.z(), 0);
+  EXPECT_TRUE(std::isnan(height(ground, 12.01, 20)));
+}
+
+TEST(Heightmap, HasTrianglesThatShareTheirEdges) {
+  const GreyImage image = parse_png(grey_png(4, 3, [](auto x, auto y) { return 100 * x * x + 77 * y; }), "a", kMost);
+  const Shape ground = heightmap_shape(image, {{3, 2, 1}, {0, 0, 0}, 1});
+  const HeightField& field = *ground.heights;
+  int borders = 0;
+  for (std::size_t number = 0; number < field.triangles(); ++number) {
+    const HeightField::Triangle t = field.triangle(number);
+    EXPECT_GT((t.corners[1] - t.corners[0]).cross(t.corners[2] - t.corners[0]).z(), 0) << number;
+    for (std::size_t k = 0; k < 3; ++k) {
+      const Vector3d from = t.corners[k], to = t.corners[(k + 1) % 3];
+      int neighbours = 0;
+      for (std::size_t other = 0; other < field.triangles(); ++other) {
+        const HeightField::Triangle o = field.triangle(other);
+        for (std::size_t e = 0; e < 3; ++e) {
+          if (o.corners[e] != to || o.corners[(e + 1) % 3] != from) continue;
+          ++neighbours;
+          EXPECT_EQ(o.corners[(e + 2) % 3], t.beyond[k]) << number << " " << k;
+        }
+      }
+      EXPECT_EQ(neighbours, t.border[k] ? 0 : 1) << number << " " << k;
+      borders += t.border[k] ? 1 : 0;
+    }
   }
+  EXPECT_EQ(borders, 2 * (3 + 2));
 }
 
 TEST(Heightmap, IsTheSameFromEightAndSixteenBits) {
@@ -113,41 +137,61 @@ TEST(Heightmap, IsTheSameFromEightAndSixteenBits) {
   sixteen.white = 65535;
   for (std::uint16_t& p : sixteen.pixels) p = static_cast<std::uint16_t>(257 * p);
   const Heightmap map{{2, 3, 4}, {0, 0, 0}, 1};
-  const auto a = heightmap_shapes(eight, map), b = heightmap_shapes(sixteen, map);
-  ASSERT_EQ(a.size(), b.size());
-  for (std::size_t t = 0; t < a.size(); ++t) {
-    for (std::size_t k = 0; k < 3; ++k) EXPECT_LT((a[t].vertices[k] - b[t].vertices[k]).norm(), 1e-14);
+  const Shape a = heightmap_shape(eight, map), b = heightmap_shape(sixteen, map);
+  for (std::size_t column = 0; column <= 2; ++column) {
+    for (std::size_t row = 0; row <= 2; ++row)
+      EXPECT_LT((a.heights->node(column, row) - b.heights->node(column, row)).norm(), 1e-14);
   }
 }
 
 TEST(Heightmap, SamplingDividesTheCellsAndInterpolatesBilinearly) {
   const GreyImage image = parse_png(png(2, 2, 8, 0, std::string("\x00\xFF\x00\x00", 4)), "a", kMost);
-  const auto triangles = heightmap_shapes(image, {{4, 4, 1}, {0, 0, 0}, 4});
-  ASSERT_EQ(triangles.size(), 32u);
+  const Shape ground = heightmap_shape(image, {{4, 4, 1}, {0, 0, 0}, 4});
+  ASSERT_EQ(ground.heights->triangles(), 32u);
   for (int i = 0; i <= 4; ++i) {
-    for (int j = 0; j <= 4; ++j) EXPECT_NEAR(height(triangles, i - 2, j - 2), i * j / 16., 1e-12);  // top right is white
+    for (int j = 0; j <= 4; ++j) EXPECT_NEAR(height(ground, i - 2, j - 2), i * j / 16., 1e-12);  // top right is white
   }
 }
 
 TEST(Heightmap, OfABlackImageIsFlatAtItsPosition) {
-  const auto triangles = heightmap_shapes({2, 2, {0, 0, 0, 0}, 255}, {{1, 1, 5}, {0, 0, 2}, 1});
-  EXPECT_DOUBLE_EQ(height(triangles, 0.1, 0.2), 2);
+  const Shape ground = heightmap_shape({2, 2, {0, 0, 0, 0}, 255}, {{1, 1, 5}, {0, 0, 2}, 1});
+  EXPECT_DOUBLE_EQ(height(ground, 0.1, 0.2), 2);
 }
 
-TEST(Heightmap, HasNoSolidInFrontOfItsSurface) {
-  // A wall of one pixel, 50 times as high as thick: the solid behind one side must not come out of the other.
-  GreyImage image{9, 9, std::vector<std::uint16_t>(81, 0), 255};
-  for (std::size_t y = 0; y < 9; ++y) image.pixels[9 * y + 4] = 255;
-  const auto triangles = heightmap_shapes(image, {{0.8, 0.8, 10}, {0, 0, 0}, 1});
-  constexpr double kSlope = 10 / 0.1;    // of both sides
-  constexpr double kKnife = 0.05 * 0.2;  // where the wall is thinner, the solid is wider; m
-  for (const Shape& t : triangles) {
-    const Vector3d n = (t.vertices[1] - t.vertices[0]).cross(t.vertices[2] - t.vertices[0]).normalized();
-    for (const Vector3d& v : t.vertices) {
-      const Vector3d at = v - t.size.x() * n;
-      EXPECT_LE(at.z(), std::max(0.0, 10 - kSlope * (std::abs(at.x()) - kKnife))) << v.transpose();
+TEST(Heightmap, KnowsWhereItIsLowAndHigh) {
+  constexpr int kWidth = 61, kHeight = 39;
+  const auto grey = [](int x, int y) { return 500 + (37 * x * x + 91 * y * y + 13 * x * y) % 997; };
+  for (const std::size_t sampling : {1, 3}) {
+    const Shape ground =
+        heightmap_shape(parse_png(grey_png(kWidth, kHeight, grey), "a", 10 * kMost), {{6, 4, 2}, {0, 0, 0}, sampling});
+    const HeightField& field = *ground.heights;
+    ASSERT_EQ(field.columns(), 60 * sampling);
+    double low = 1e9, high = -1e9;
+    for (std::size_t row = 0; row < field.rows(); ++row) {
+      for (std::size_t column = 0; column < field.columns(); ++column) {
+        for (const std::size_t right : {0, 1}) {
+          const double z = field.node(column + right, row + 1).z();
+          EXPECT_LE(z, field.high_of_tile(column, row));
+          EXPECT_GE(z - field.depth(), field.bottom(column, row));
+          low = std::min(low, z);
+          high = std::max(high, z);
+        }
+      }
     }
+    EXPECT_NEAR(field.high(), high, 1e-12);
+    EXPECT_LE(field.low(), low);
   }
+}
+
+TEST(Heightmap, IsSharedAndComparedByItsHeights) {
+  const auto map = [](int extra) {
+    return heightmap_shape(parse_png(grey_png(3, 3, [&](int x, int y) { return x + y + extra; }), "a", kMost),
+                           {{1, 1, 1}, {0, 0, 0}, 1});
+  };
+  const Shape a = map(0), copy = a;
+  EXPECT_EQ(copy.heights.field, a.heights.field);
+  EXPECT_EQ(a, map(0));
+  EXPECT_FALSE(a == map(1));
 }
 
 TEST(Heightmap, ThatIsNotASquareOfGazebosSizeIsReadWithAWarning) {
@@ -168,7 +212,8 @@ TEST(Heightmap, ThatCannotBeGroundIsRefusedWithAReason) {
   const auto flat = [](auto, auto) { return 1; };
   folder.write("h.png", grey_png(5, 5, flat));
   folder.write("row.png", grey_png(5, 1, flat));
-  folder.write("large.png", grey_png(258, 258, flat));
+  folder.write("large.png", png_header(8193, 8193, 16, 0) + png_chunk("IDAT", ""));
+  folder.write("six.png", grey_png(6, 6, flat));
   folder.write("cut.png", grey_png(5, 5, flat).substr(0, 60));
   folder.write("text.png", "a picture");
   const std::vector<std::pair<std::string, std::string>> cases{
@@ -177,8 +222,10 @@ TEST(Heightmap, ThatCannotBeGroundIsRefusedWithAReason) {
       {"<uri>text.png</uri>", "text.png: no PNG image, expected a greyscale PNG"},
       {"<uri>cut.png</uri>", "cut.png: damaged: "},
       {"<uri>row.png</uri>", "row.png: 5 × 1 pixels, expected 2 × 2 at least"},
-      {"<uri>large.png</uri>", "large.png: 258 × 258 pixels at sampling 1 are 132098 triangles, expected 131072 at most"},
-      {"<uri>h.png</uri><sampling>65</sampling>", "5 × 5 pixels at sampling 65 are 135200 triangles"},
+      {"<uri>large.png</uri>", "large.png: 8193 × 8193 pixels, expected 33554434 pixels at most: scale the image down"},
+      {"<uri>six.png</uri><sampling>1024</sampling>",
+       "six.png: 6 × 6 pixels at sampling 1024 are 52428800 triangles, expected 33554432 at most (4097 × 4097 pixels)"},
+      {"<uri>h.png</uri><sampling>1025</sampling>", "<sampling>: 1025, expected a whole number from 1 to 1024"},
       {"<uri>h.png</uri><sampling>0</sampling>", "<sampling>: 0, expected a whole number from 1 to 1024"},
       {"<uri>h.png</uri><sampling>1.5</sampling>", "<sampling>: 1.5, expected a whole number"},
       {"<uri>h.png</uri><size>1 0 1</size>", "size 1 0 1 m, expected > 0 along x and y"},

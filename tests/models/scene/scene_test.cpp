@@ -574,6 +574,8 @@ TEST(Sdf, RefusesInvalidAndUnsupportedElements) {
       {shape("<cone><radius>0</radius><length>1</length></cone>"), "a cone of radius 0 m"},
       {shape("<heightmap/>"), "a <heightmap> on a moving body"},
       {shape("<polyline/>"), "<polyline> as a shape, expected box"},
+      {shape("<mesh><uri>none.stl</uri><submesh><name>a</name></submesh></mesh>"),
+       "<submesh> is not supported, expected a separate file"},
       {shape(""), "<geometry> without a shape"},
       {shape("<sphere><radius>-1</radius></sphere>"), "radius -1 m, expected > 0"},
       {shape("<plane><normal>0 0 1</normal></plane>"), "a plane on a dynamic body"},

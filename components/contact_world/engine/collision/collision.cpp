@@ -3,43 +3,16 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <utility>
 
 #include "components/contact_world/engine/collision/convex.h"
 #include "components/contact_world/engine/collision/pair.h"
 #include "components/contact_world/engine/collision/patch.h"
+#include "components/contact_world/engine/collision/terrain.h"
 
 namespace cotwin::contact_world {
 
-namespace {
-
-using Eigen::Matrix3d;
 using Eigen::Vector3d;
-
-/// Half sizes of a piece's bounding box along the world's axes.
-Vector3d half_sizes(const Convex& c, const Matrix3d& R) {
-  Vector3d half = Vector3d::Constant(c.round);
-  switch (c.core) {
-    case Core::kPlane:
-      return Vector3d::Constant(std::numeric_limits<double>::infinity());
-    case Core::kPoint:
-      return half;
-    case Core::kSegment:
-      return half + R.col(2).cwiseAbs() * c.half;
-    case Core::kCylinder: {
-      const Vector3d z = R.col(2);
-      return half + z.cwiseAbs() * c.half + c.radius * (Vector3d::Ones() - z.cwiseAbs2()).cwiseMax(0).cwiseSqrt();
-    }
-    case Core::kEllipsoid:
-      return half + (R * c.extent.asDiagonal()).rowwise().norm();
-    case Core::kPolytope:
-      return half + R.cwiseAbs() * c.extent;
-  }
-  return half;
-}
-
-}  // namespace
 
 struct Collision::Impl {
   struct Bounds {
@@ -80,6 +53,7 @@ struct Collision::Impl {
   std::vector<std::size_t> ends, ends_before;  // of each candidate's points
   Pair pair;
   Patch patch;
+  Terrain terrain;
   std::vector<Touch> touches;
   std::vector<ContactPoint> points, points_before;
 };
@@ -126,6 +100,7 @@ Collision::Impl::Impl(const scene::Scene& scene) {
   wide.reserve(pieces.size());
   pair.reserve(corners);
   patch.reserve(corners);
+  terrain.reserve(corners, 0);
   touches.reserve(8);
 }
 
@@ -219,11 +194,17 @@ void Collision::Impl::sweep(double margin) {
 
 void Collision::Impl::add_points(const Candidate& candidate, double margin) {
   const auto i = static_cast<std::uint32_t>(candidate.pieces >> 32), j = static_cast<std::uint32_t>(candidate.pieces);
-  const Vector3d origin = placed[i].convex->core == Core::kPlane ? placed[j].p : placed[i].p;
+  const Core core = placed[i].convex->core;
+  const Vector3d origin = core == Core::kPlane || core == Core::kHeights ? placed[j].p : placed[i].p;
   const Placed a{placed[i].convex, placed[i].R, placed[i].p - origin}, b{placed[j].convex, placed[j].R, placed[j].p - origin};
-  const Vector3d n = pair.find(a, b, margin, touches);
-  if (!touches.empty() && (pieces[i].foundation || pieces[j].foundation))
-    patch.find(a, b, pieces[j].foundation && !pieces[i].foundation, n, margin, touches);
+  const bool yields = pieces[i].foundation || pieces[j].foundation, prefer_b = pieces[j].foundation && !pieces[i].foundation;
+  if (core == Core::kHeights || b.convex->core == Core::kHeights) {
+    using enum Terrain::Kind;
+    terrain.find(a, b, !yields ? kPoints : prefer_b ? kPatchOnB : kPatchOnA, margin, touches);
+  } else {
+    const Vector3d n = pair.find(a, b, margin, touches);
+    if (!touches.empty() && yields) patch.find(a, b, prefer_b, n, margin, touches);
+  }
   std::sort(touches.begin(), touches.end(), [](const Touch& s, const Touch& t) { return s.id < t.id; });
   for (const Touch& t : touches) {
     points.push_back({pieces[i].body, pieces[j].body, pieces[i].shape, pieces[j].shape, origin + t.p, t.n, t.gap, t.id, t.area,
@@ -288,6 +269,8 @@ bool Collision::ignores(int body_a, int body_b) const {
 }
 std::span<const ContactPoint> Collision::points() const { return impl_->points; }
 void Collision::reserve(std::size_t points) {
+  impl_->terrain.reserve(0, points);
+  impl_->touches.reserve(points);
   for (auto* list : {&impl_->points, &impl_->points_before}) list->reserve(points);
   for (auto* list : {&impl_->candidates, &impl_->candidates_before}) list->reserve(points);
   for (auto* list : {&impl_->ends, &impl_->ends_before}) list->reserve(points);

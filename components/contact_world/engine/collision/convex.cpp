@@ -186,6 +186,15 @@ Convex make_convex(const scene::Shape& shape) {
       convex.covered = covered_by_neighbours(convex.polytope, shape);
       return convex;
     }
+    case scene::ShapeType::kHeightmap: {
+      const scene::HeightField& field = *shape.heights;
+      convex.core = Core::kHeights;
+      convex.heights = shape.heights;
+      convex.extent = {field.dx() * static_cast<double>(field.columns()) / 2,
+                       field.dy() * static_cast<double>(field.rows()) / 2, (field.high() - field.low() + field.depth()) / 2};
+      convex.X_BC = shape.X_BS * Pose{Eigen::Matrix3d::Identity(), {0, 0, field.high() - convex.extent.z()}};
+      return convex;
+    }
     case scene::ShapeType::kHull:
       return polytope_of(scene::convex_hull(shape.vertices), shape.X_BS);
   }
@@ -224,6 +233,19 @@ void find_covered_faces(std::span<Convex> pieces) {
   }
 }
 
+namespace {
+
+/// Whether d, in C, is a normal of the convex edge above a covered side of a column. `farthest`: the least height along d of the part that is
+/// farthest.
+bool is_normal_of_edge(const Convex& column, const Convex::Side& side, const Vector3d& d, double farthest) {
+  const std::vector<Vector3d>& vertices = column.polytope.vertices;
+  if (std::any_of(vertices.begin() + 3, vertices.end(), [&](const Vector3d& v) { return v.dot(d) >= farthest; })) return false;
+  constexpr double kRounding = 1e-6;  // rad
+  return std::atan2(side.outwards.dot(d), column.polytope.faces[0].n.dot(d)) <= side.turn + kRounding;
+}
+
+}  // namespace
+
 bool points_out_of_covered(const Placed& piece, const Vector3d& d) {
   const Convex& c = *piece.convex;
   if (c.covered.empty()) return false;
@@ -232,12 +254,14 @@ bool points_out_of_covered(const Placed& piece, const Vector3d& d) {
   constexpr double kSame = 1e-9;  // of the extent
   const double top = vertices[farthest_vertex(c.polytope, d_C)].dot(d_C) - kSame * c.extent.maxCoeff();
   const auto farthest = std::count_if(vertices.begin(), vertices.end(), [&](const Vector3d& v) { return v.dot(d_C) >= top; });
-  constexpr double kLean = 0.05;  // sine
+  const double lean =
+      c.sides.empty() ? 0.05 : 1e-6;  // sine; a ball that rests on columns must not be pushed aside by their seams
   for (std::size_t f = 0; f < c.covered.size(); ++f) {
     const scene::Polytope::Face& face = c.polytope.faces[f];
-    if (c.covered[f] == 0 || face.n.dot(d_C) <= kLean) continue;
+    if (c.covered[f] == 0 || (c.sides.empty() ? face.n : c.sides[f].outwards).dot(d_C) <= lean) continue;
     const auto begin = c.polytope.corners.begin() + face.begin;
-    if (std::count_if(begin, begin + face.count, [&](Index v) { return vertices[v].dot(d_C) >= top; }) == farthest) return true;
+    if (std::count_if(begin, begin + face.count, [&](Index v) { return vertices[v].dot(d_C) >= top; }) != farthest) continue;
+    if (c.sides.empty() || !is_normal_of_edge(c, c.sides[f], d_C, top)) return true;
   }
   return false;
 }
@@ -248,6 +272,7 @@ Vector3d support(const Placed& piece, const Vector3d& d) {
   switch (c.core) {
     case Core::kPlane:
     case Core::kPoint:
+    case Core::kHeights:
       return piece.p;
     case Core::kSegment:
       return piece.p + piece.R.col(2) * std::copysign(c.half, d_C.z());
@@ -275,6 +300,7 @@ void supporting_feature(const Placed& piece, const Vector3d& d, Feature& feature
   switch (c.core) {
     case Core::kPlane:
     case Core::kPoint:
+    case Core::kHeights:
       feature.corners.push_back({piece.p, 0, 0});
       return;
     case Core::kEllipsoid:

@@ -43,6 +43,9 @@ class Manifold {
   /// As find() for a half-space bounded by the plane through `a.p` with normal n.
   void on_plane(const Placed& plane, const Placed& b, const Eigen::Vector3d& n, double margin, std::vector<Touch>& touches);
 
+  /// Keeps four of the points, which have the normal n, as find() does.
+  void choose_of(const Eigen::Vector3d& n, std::vector<Touch>& touches);
+
  private:
   struct Point {
     Eigen::Vector2d u;             // in the plane across n

@@ -2,9 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include "components/contact_world/engine/collision/separation.h"
+#include "components/contact_world/engine/solvers/numbers.h"
 
 namespace cotwin::contact_world {
 
@@ -34,7 +34,7 @@ bool leaves_by_face(const Placed& base, const Placed& piece, const Vector3d& n) 
   constexpr double kAligned = 1 - 1e-14;
   const Vector3d n_C = base.R.transpose() * n;
   const Vector3d p_C = base.R.transpose() * (support(piece, -n) - piece.convex->round * n - base.p);
-  double depth = -1, least = std::numeric_limits<double>::infinity();
+  double depth = -1, least = kInfinity;
   for (const scene::Polytope::Face& face : base.convex->polytope.faces) {
     const double distance = face.d - face.n.dot(p_C);
     if (face.n.dot(n_C) > kAligned) {
@@ -65,14 +65,21 @@ Vector3d Pair::find(const Placed& a, const Placed& b, double margin, std::vector
   }
   const Vector3d n = find_ordered(a, b, margin, touches);
   const bool inside = !touches.empty() && (points_out_of_covered(a, n) || points_out_of_covered(b, -n));
-  return inside ? find_on_uncovered(a, b, margin, touches) : n;
+  if (!inside) return n;
+  double gap = kInfinity;
+  for (const Touch& t : touches) gap = std::min(gap, t.gap);
+  // Of the triangles of a surface: what leaves a column by its side far sooner than by its top is in the neighbour's solid.
+  constexpr double kSooner = 4, kSlack = 1e-4;  // of the smaller one's size
+  const double slack = kSlack * std::min(a.convex->extent.norm() + a.convex->round, b.convex->extent.norm() + b.convex->round);
+  const bool of_surface = a.convex->triangle || b.convex->triangle;
+  return find_on_uncovered(a, b, margin, of_surface ? kSooner * std::min(gap, 0.0) - slack : -kInfinity, touches);
 }
 
-/// For shapes that share faces with others of their body: uses the normals of uncovered faces only.
-Vector3d Pair::find_on_uncovered(const Placed& a, const Placed& b, double margin, std::vector<Touch>& touches) {
+/// For shapes that share faces with others of their body: uses the normals of uncovered faces only, if the gap is `least` or more.
+Vector3d Pair::find_on_uncovered(const Placed& a, const Placed& b, double margin, double least, std::vector<Touch>& touches) {
   touches.clear();
   Separation best;
-  best.gap = -std::numeric_limits<double>::infinity();
+  best.gap = -kInfinity;
   for (const Placed* piece : {&a, &b}) {
     const Convex& c = *piece->convex;
     for (std::size_t f = 0; f < c.covered.size(); ++f) {
@@ -82,7 +89,7 @@ Vector3d Pair::find_on_uncovered(const Placed& a, const Placed& b, double margin
       if (gap > best.gap) best.n = n, best.gap = gap;
     }
   }
-  if (std::isfinite(best.gap)) manifold_.find(a, b, best.n, margin, touches);
+  if (std::isfinite(best.gap) && best.gap >= least) manifold_.find(a, b, best.n, margin, touches);
   return best.n;
 }
 

@@ -18,7 +18,7 @@ class Pair {
 
  private:
   Eigen::Vector3d find_ordered(const Placed& a, const Placed& b, double margin, std::vector<Touch>& touches);
-  Eigen::Vector3d find_on_uncovered(const Placed& a, const Placed& b, double margin, std::vector<Touch>& touches);
+  Eigen::Vector3d find_on_uncovered(const Placed& a, const Placed& b, double margin, double least, std::vector<Touch>& touches);
   Separation improve(const Placed& a, const Placed& b, const Separation& start, bool& certain);
   bool add_points(const Placed& a, const Placed& b, const Separation& s, double margin, std::vector<Touch>& touches);
 
