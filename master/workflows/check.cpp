@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <ostream>
 
+#include "components/bus/live_run.h"
 #include "fmu/process/process.h"
 #include "master/clock/clock.h"
 #include "master/engine/beside.h"
@@ -12,6 +13,7 @@
 #include "master/engine/wiring/arrangement.h"
 #include "master/engine/wiring/schedule.h"
 #include "master/engine/wiring/wiring.h"
+#include "master/run/master.h"
 #include "master/run/omissions.h"
 #include "master/run/recorder.h"
 #include "master/run/statistics.h"
@@ -61,14 +63,46 @@ class Checker {
     attempt([&] {
       for (Finding& finding : check_coupling(scenario, members_)) findings_.push_back(std::move(finding));
     });
+    if (errors_ == 0) try_to_begin(scenario);
+  }
+
+  /// Does what a run does before its first tick, without results, and without a clock that waits. Not with units that would then reach
+  /// outside.
+  void try_to_begin(const Scenario& scenario) {
+    const auto reaches_outside = [](const Member& member) {
+      const Unit& unit = *member.instance.unit;
+      return is_unit(member.spec) && (!unit.restorable() || dynamic_cast<const bus::RunObserver*>(&unit) != nullptr);
+    };
+    if (const auto outside = std::ranges::find_if(members_, reaches_outside); outside != members_.end()) {
+      findings_.push_back({Finding::Level::kNote, "the initialisation is not tried, because '" + outside->name() +
+                                                      "' would reach outside this program"});
+      return;
+    }
+    Scenario trial = scenario;
+    trial.clock = {};
+    for (ComponentSpec& spec : trial.components) spec.process = process_of(spec);
+    members_.clear();  // some FMUs allow one instance
+    attempt([&] {
+      MasterOptions options;
+      options.types = types_;
+      options.folders = folders_;
+      options.threads = 1;
+      Master master(std::move(trial), std::move(options));
+      master.initialise();
+    });
+  }
+
+  /// FMUs are tried in a process of their own unless the scenario chooses.
+  static fmu::ProcessChoice process_of(const ComponentSpec& spec) {
+    const bool own = !is_unit(spec) && spec.process == fmu::ProcessChoice::kAuto && !fmu::host_program().empty();
+    return own ? fmu::ProcessChoice::kOwn : spec.process;
   }
 
   void check_component(const ComponentSpec& spec, const Scenario& scenario) {
     std::optional<Member> loaded;
     std::vector<std::string> used;
     ComponentSpec checked = spec;
-    if (!is_unit(spec) && spec.process == fmu::ProcessChoice::kAuto && !fmu::host_program().empty())
-      checked.process = fmu::ProcessChoice::kOwn;
+    checked.process = process_of(spec);
     if (!attempt([&] { loaded = load_member(checked, scenario, types_, folders_, fmus_, &used); })) return;
     if (!is_unit(spec)) check_description(spec, scenario);
     Member& member = *loaded;

@@ -440,6 +440,57 @@ TEST_F(FmuScenario, AnInputFileThatDoesNotFitIsAnErrorThatNamesTheLine) {
   EXPECT_THAT(error("time,q_d[1]\n"), HasSubstr("no row"));
 }
 
+/// A motion from 0 to 1 rad in `seconds`, and a value that the scenario gives another component.
+std::string small_scenario(const std::string& seconds, const std::string& values = "") {
+  return R"(<?xml version="1.0"?>
+<ssd:SystemStructureDescription version="1.0" name="small"
+    xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription"
+    xmlns:ssv="http://ssp-standard.org/SSP1/SystemStructureParameterValues"
+    xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon">
+  <ssd:System name="small">
+    <ssd:Elements>
+      <ssd:Component name="motion" source="unit:motion?robot=lwr4" type="application/x-cotwin-unit">
+        <ssd:ParameterBindings><ssd:ParameterBinding><ssd:ParameterValues><ssv:ParameterSet version="1.0" name="p"><ssv:Parameters>
+          <ssv:Parameter name="waypoint_q[8]"><ssv:Real value="1"/></ssv:Parameter>
+          <ssv:Parameter name="waypoint_t[2]"><ssv:Real value=")" +
+         seconds + R"("/></ssv:Parameter>)" + values + R"(
+        </ssv:Parameters></ssv:ParameterSet></ssd:ParameterValues></ssd:ParameterBinding></ssd:ParameterBindings>
+      </ssd:Component>
+    </ssd:Elements>
+  </ssd:System>
+  <ssd:Annotations>
+    <ssc:Annotation type="cotwin.master"><cotwin:Master xmlns:cotwin="urn:cotwin:master:1"/></ssc:Annotation>
+  </ssd:Annotations>
+</ssd:SystemStructureDescription>
+)";
+}
+
+// What a run refuses before its first tick: units that cannot be initialised.
+TEST_F(FmuScenario, CheckFindsWhatRunRefuses) {
+  const auto errors_of = [](const fs::path& file) {
+    std::vector<std::string> errors;
+    for (const auto& finding : check_scenario(file, unit_types(), kFolders)) {
+      if (finding.level == fmu::Finding::Level::kError) errors.push_back(finding.text);
+    }
+    return errors;
+  };
+  EXPECT_THAT(errors_of(write("good.ssd", small_scenario("2"))), IsEmpty());
+  for (const fs::path& file :
+       {write("fast.ssd", small_scenario("0.01")),
+        write("missing.ssd",
+              small_scenario("2", "<ssv:Parameter name=\"file\"><ssv:String value=\"no.csv\"/></ssv:Parameter>")),
+        write("word.ssd", small_scenario("2", "<ssv:Parameter name=\"passing\"><ssv:String value=\"by\"/></ssv:Parameter>"))}) {
+    std::string refusal;
+    try {
+      recorded(load_scenario(file));
+    } catch (const Error& error) {
+      refusal = error.what();
+    }
+    EXPECT_NE(refusal, "");
+    EXPECT_THAT(errors_of(file), ElementsAre(refusal));
+  }
+}
+
 TEST_F(FmuScenario, CheckFindsEverythingInOneGo) {
   const fs::path file = write("wrong.ssd", R"(<?xml version="1.0"?>
 <ssd:SystemStructureDescription version="1.0" name="wrong"
