@@ -2,7 +2,9 @@
 
 #include <Eigen/Core>
 #include <algorithm>
+#include <chrono>
 #include <cmath>
+#include <utility>
 
 #include "components/io/link/finite.h"
 #include "models/foundation/support/choice.h"
@@ -32,6 +34,12 @@ constexpr const char* kNoCommands =
 std::int64_t nanoseconds_of(double s) {
   const double whole = std::floor(s);
   return static_cast<std::int64_t>(whole) * 1'000'000'000 + std::llround((s - whole) * 1e9);
+}
+
+/// ns since 1970.
+std::int64_t utc() {
+  const auto since_1970 = std::chrono::system_clock::now().time_since_epoch();
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(since_1970).count();
 }
 
 /// Only robots of seven joints have the angle E1.
@@ -79,6 +87,44 @@ FriControllerLink::FriControllerLink(Settings& settings, std::vector<trajectory:
 
 FriControllerLink::~FriControllerLink() = default;
 
+/// As KUKA's robots do: torques are added in joint impedance control, wrenches in Cartesian impedance control.
+fri::ControlMode FriControllerLink::control_of(fri::ClientCommandMode mode) const {
+  using Control = fri::ControlMode;
+  const std::string place = kFriControllerPlace + ": control";
+  const bool sunrise = protocol_ != fri::Protocol::kLwr;
+  const Control needed = sunrise && mode == fri::ClientCommandMode::kTorque   ? Control::kJointImpedance
+                         : sunrise && mode == fri::ClientCommandMode::kWrench ? Control::kCartesianImpedance
+                                                                              : Control::kPosition;
+  if (control_.empty()) return needed;
+  const Control given = text::choose<Control>(place, control_,
+                                              {{"position", Control::kPosition},
+                                               {"joint_impedance", Control::kJointImpedance},
+                                               {"cartesian_impedance", Control::kCartesianImpedance}});
+  if (needed != Control::kPosition && given != needed) {
+    throw Error(place, "'" + control_ + "' with client_mode=" + client_mode_ + ", expected " +
+                           (needed == Control::kJointImpedance ? "joint_impedance" : "cartesian_impedance"));
+  }
+  return given;
+}
+
+/// The names of the parameter, as a robot application requests them from the client.
+void FriControllerLink::request_transformations() {
+  auto& requested = controller_->robot().transformations;
+  requested.count = 0;
+  if (transformations_.empty()) return;
+  const std::string place = kFriControllerPlace + ": transformations";
+  if (protocol_ == fri::Protocol::kLwr) throw Error(place, "given with protocol lwr, expected them only with sunrise");
+  for (const std::string_view word : text::split(transformations_, ',')) {
+    const std::string_view name = text::trim(word);
+    fri::Transformation* const t = requested.add();
+    if (t == nullptr)
+      throw Error(place, "more than " + std::to_string(fri::kMaxTransformations) + " names, expected at most so many");
+    *t = {};
+    if (name.empty() || !t->name.assign(name))
+      throw Error(place, "'" + std::string(name) + "', expected a name of 1 to 63 characters");
+  }
+}
+
 fri::ControllerSettings FriControllerLink::controller_settings() {
   fri::ControllerSettings s;
   s.protocol = protocol_;
@@ -91,6 +137,7 @@ fri::ControllerSettings FriControllerLink::controller_settings() {
   s.send_period = Duration::from_seconds(period_).ns;
   s.receive_multiplier = static_cast<std::uint32_t>(receive_multiplier_);
   s.speed_limit = dq_max_;
+  s.acceleration_limit = ddq_max_;
   s.lower = q_min_;
   s.upper = q_max_;
   s.torque_limit = tau_command_max_;
@@ -105,15 +152,12 @@ fri::ControllerSettings FriControllerLink::controller_settings() {
   s.rating = {static_cast<std::uint32_t>(window_), excellent_, good_, fair_, excellent_latency_};
   s.max_lost = static_cast<std::uint32_t>(max_lost_);
   s.stop_time = Duration::from_seconds(stop_time_).ns;
-  s.control = text::choose<fri::ControlMode>(kFriControllerPlace + ": control", control_,
-                                             {{"position", fri::ControlMode::kPosition},
-                                              {"joint_impedance", fri::ControlMode::kJointImpedance},
-                                              {"cartesian_impedance", fri::ControlMode::kCartesianImpedance}});
   s.command_mode = text::choose<fri::ClientCommandMode>(kFriControllerPlace + ": client_mode", client_mode_,
                                                         {{"position", fri::ClientCommandMode::kPosition},
                                                          {"torque", fri::ClientCommandMode::kTorque},
                                                          {"wrench", fri::ClientCommandMode::kWrench},
                                                          {"pose", fri::ClientCommandMode::kCartesianPose}});
+  s.control = control_of(s.command_mode);
   s.overlay =
       s.command_mode == fri::ClientCommandMode::kCartesianPose ? fri::OverlayType::kCartesian : fri::OverlayType::kJoint;
   if (!kinematics_) {
@@ -133,6 +177,9 @@ fri::ControllerSettings FriControllerLink::controller_settings() {
 
 void FriControllerLink::initialise(Time start, Measured&) {
   controller_.emplace(controller_settings(), kFriControllerPlace);
+  request_transformations();
+  stepped_ = false;
+  epoch_ = protocol_ == fri::Protocol::kLwr ? 0 : start_time_ < 0 ? utc() - start.ns : nanoseconds_of(start_time_);
   net::Endpoint local = net::endpoint_of(address_, 0, kFriControllerPlace + ": address");
   local.port = static_cast<std::uint16_t>(port_);
   datagrams_.open(local, kFriControllerPlace + ": address, port");
@@ -166,6 +213,8 @@ StepResult FriControllerLink::step(Time now, Duration h, const Command&, Measure
   host_ = monotonic_now();
   at_ = now.ns;
   next_at_ = (now + h).ns;
+  // A run may begin long after its initialisation.
+  if (!std::exchange(stepped_, true) && start_time_ < 0 && protocol_ != fri::Protocol::kLwr) epoch_ = utc() - now.ns;
   open_or_close(now.ns);
   if (!hold_) q_own_ = q_d_;
   request(h.seconds());
@@ -289,7 +338,8 @@ void FriControllerLink::take_measurements(std::int64_t now) {
   M& m = controller_->robot();
   m.fields = M::kMeasuredPosition | M::kMeasuredTorque | M::kCommandedTorque | M::kExternalTorque | M::kTime | M::kSafetyState |
              M::kOperationMode | M::kDriveStates | M::kDynamics;
-  m.time = protocol_ == fri::Protocol::kLwr ? now : nanoseconds_of(start_time_) + now;
+  m.time = epoch_ + now;
+  for (std::uint32_t i = 0; i < m.transformations.count; ++i) m.transformations.values[i].time = m.time;
   m.safety = ready_ ? fri::SafetyState::kNormal : fri::SafetyState::kStopLevel1;
   m.operation = fri::OperationMode::kAutomatic;
   m.drives.fill(ready_ ? fri::DriveState::kActive : fri::DriveState::kOff);

@@ -55,6 +55,8 @@ class FriControllerLink final : public Link {
   };
 
   fri::ControllerSettings controller_settings();
+  fri::ControlMode control_of(fri::ClientCommandMode mode) const;
+  void request_transformations();
   std::optional<DatagramQueue::Stamp> stamp(std::span<const std::uint8_t> bytes);
   void receive(const DatagramQueue::Datagram& datagram, std::int64_t now);
   void send(std::span<const std::uint8_t> message);
@@ -77,10 +79,10 @@ class FriControllerLink final : public Link {
   KrlPorts krl_;
   IoPorts reads_;
   // Parameters.
-  std::string address_, client_, client_mode_ = "position", control_ = "position";
+  std::string address_, client_, client_mode_ = "position", control_, transformations_;
   std::int32_t port_, receive_multiplier_ = 1, window_ = 100, max_lost_ = 10;
   double period_ = 0.005, excellent_ = 0.99, good_ = 0.95, fair_ = 0.75, excellent_latency_ = 0.5, stop_time_ = 0.2;
-  double safety_factor_ = 1, restart_ = 0;
+  double safety_factor_ = 1, restart_ = 0, ddq_max_ = 50;
   double force_max_ = 1e9, moment_max_ = 1e9, stiffness_max_ = 5000, translational_stiffness_max_ = 5000,
          rotational_stiffness_max_ = 300, v_command_max_ = 2, w_command_max_ = 4;
   double start_time_ = 1.7e9, spacing_ = 0;  // s
@@ -107,10 +109,12 @@ class FriControllerLink final : public Link {
   std::int64_t sent_at_ = 0;             // ns, CLOCK_MONOTONIC
   std::int64_t closed_at_ = 0;           // ns, CLOCK_MONOTONIC: of the last period without a session
   std::uint64_t latencies_ = 0;          // in the outputs
-  std::int64_t host_ = 0, at_ = 0;       // ns: of the last step on the monotonic clock and in the scenario
-  std::int64_t next_at_ = 0;             // ns: of the next step in the scenario
-  double since_drop_ = 0;                // s
-  std::int64_t opened_at_ = 0;           // ns, scenario time
+  std::int64_t epoch_ = 0;               // ns since 1970 (LWR: 0) at scenario time 0
+  bool stepped_ = false;
+  std::int64_t host_ = 0, at_ = 0;  // ns: of the last step on the monotonic clock and in the scenario
+  std::int64_t next_at_ = 0;        // ns: of the next step in the scenario
+  double since_drop_ = 0;           // s
+  std::int64_t opened_at_ = 0;      // ns, scenario time
   bool opened_ = false, waited_ = false;
   std::uint64_t commands_ = 0;    // of the client so far
   std::int64_t answered_at_ = 0;  // ns, scenario time of the last one

@@ -34,7 +34,7 @@ void FriControllerLink::declare(Variables& v, JointVariables& joints) {
   v.output(
       "drop", drop_,
       "why commanding ended last: 0 not yet, 1 request, 2 quality, 3 lost commands, 4 speed, 5 position, 6 torque, 7 robot, "
-      "8 other quantities, 9 closed, 10 stiffness or damping, 11 no posture for the pose");
+      "8 other quantities, 9 closed, 10 stiffness or damping, 11 no posture for the pose, 12 acceleration");
   v.output("drops", drops_, "how often commanding ended for another reason than request");
   if (lwr) krl_client_.declare_outputs(v, "krl_command", "to the robot's program, $FRI_FRM");
   writes_.declare_output(v, "io_command", "I/O values that the client has written");
@@ -47,7 +47,9 @@ void FriControllerLink::declare(Variables& v, JointVariables& joints) {
   v.parameter("period", period_, "s", "send period; Sunrise: whole milliseconds").range(1e-3, 0.1);
   v.parameter("receive_multiplier", receive_multiplier_, "Sunrise: the client answers every so many messages").range(1, 100);
   v.parameter("client_mode", client_mode_, "Sunrise: what is asked from the client: position, torque, wrench or pose");
-  v.parameter("control", control_, "control that is reported: position, joint_impedance or cartesian_impedance");
+  v.parameter("control", control_,
+              "control that is reported: position, joint_impedance or cartesian_impedance; empty: what client_mode needs, "
+              "joint_impedance for torque, cartesian_impedance for wrench, else position");
   v.parameter("window", window_, "command periods over which answers are rated").range(1, 10'000);
   v.parameter("excellent", excellent_, "1", "share of answers in time for excellent quality").range(0, 1);
   v.parameter("excellent_latency", excellent_latency_, "1", "largest mean latency for excellent quality, in command periods")
@@ -83,9 +85,11 @@ void FriControllerLink::declare(Variables& v, JointVariables& joints) {
       .range(0, kNoLimit);
   v.parameter("v_command_max", v_command_max_, "m/s", "limit of the linear speed of commanded poses").range(0, 1e3);
   v.parameter("w_command_max", w_command_max_, "rad/s", "limit of the angular speed of commanded poses").range(0, 1e3);
-  v.parameter("start_time", start_time_, "s",
-              "Sunrise: time stamp of the messages at t = 0, since 1970 in UTC; LWR's time stamps are t")
-      .range(0, 4294967295.0);
+  v.parameter(
+       "start_time", start_time_, "s",
+       "Sunrise: time stamp of the messages at t = 0, since 1970 in UTC; -1: the host's time at the first step; LWR's time "
+       "stamps are t")
+      .range(-1, 4294967295.0);
   v.parameter("spacing", spacing_, "s",
               "least time between two messages on the host's clock; a run on the wall clock that is late and catches up skips "
               "messages instead of sending many at once; 0: none is skipped")
@@ -101,6 +105,10 @@ void FriControllerLink::declare(Variables& v, JointVariables& joints) {
       .discrete();
   v.output("latency_99", latency_99_, "s", "99 % of the answers took less; to 9 %").discrete();
   v.output("latency_max", latency_max_, "s", "the longest time to an answer").discrete();
+  v.parameter("ddq_max", ddq_max_, "rad/s2", "limit of the acceleration of commanded joint positions (KUKA's are not public)")
+      .range(1e-3, 1e9);
+  v.parameter("transformations", transformations_,
+              "Sunrise: names of the transformations that the robot requests from the client, at most five, with commas");
   v.output("warning", warning_, "warnings for the summary of the run; empty: none");
 }
 

@@ -149,6 +149,11 @@ void FriLink::follow(double elapsed) {
     synchronisation_.rest(gains, elapsed);
   }
   std::ranges::copy(synchronisation_.last(), wanted_.q.begin());
+  if (!commanding) return;
+  // A message that newer ones have overtaken is answered with what belongs to it: the newer command would be a step of speed there.
+  const fri::SequenceTracker& messages = client_->statistics().monitoring;
+  const double age = m.send_period * static_cast<double>(messages.newest() - messages.position());
+  for (std::size_t i = 0; i < n_; ++i) wanted_.q[i] -= synchronisation_.speed()[i] * age;
 }
 
 }  // namespace cotwin::io

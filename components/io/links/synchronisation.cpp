@@ -4,18 +4,9 @@
 #include <cmath>
 
 #include "models/numerics/jury.h"
+#include "models/trajectory/approach.h"
 
 namespace cotwin::io {
-
-namespace {
-
-/// rad/s: the largest speed towards a place at a distance (rad) from which steps of h seconds end there with the deceleration a.
-double approach_speed(double distance, double a, double h) {
-  if (std::isinf(a)) return distance / h;
-  return std::min(distance / h, std::sqrt(a * h * a * h / 4 + 2 * a * distance) - a * h / 2);
-}
-
-}  // namespace
 
 Synchronisation::Synchronisation(std::size_t joints)
     : e_(joints), correction_(joints), q_(joints), dq_(joints), target_(joints) {}
@@ -52,7 +43,7 @@ std::span<const double> Synchronisation::command(std::span<const double> q_v, co
       continue;
     }
     const double before = has_target_ ? target_[i] : target, distance = before - q_[i];
-    const double approach = approach_speed(std::abs(distance), gains.ddq_max, h);
+    const double approach = trajectory::approach_speed(std::abs(distance), gains.ddq_max, h);
     const double speed = (target - before) / h + std::copysign(approach, distance);
     dq_[i] = std::clamp(std::clamp(speed, dq_[i] - change, dq_[i] + change), -most, most);
     const bool arrives = dq_[i] == speed && approach == std::abs(distance) / h;

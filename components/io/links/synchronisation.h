@@ -41,6 +41,7 @@ class Synchronisation {
   double share() const { return std::min(since_start_ / kSoftStart, 1.0); }
 
   std::span<const double> last() const { return q_; }         // command, rad
+  std::span<const double> speed() const { return dq_; }       // of the command, rad/s
   std::span<const double> discrepancy() const { return e_; }  // e of the last measurement, rad
   std::span<const double> correction() const { return correction_; }
 

@@ -1,5 +1,4 @@
 // cotwin robot: an emulated robot with its controller, for clients of the robot's interface.
-#include <chrono>
 #include <fstream>
 #include <iostream>
 #include <memory>
@@ -98,8 +97,7 @@ int emulate(const RobotArguments& a) {
   set("controller.spacing", text::to_text(a.period * kSpacing));
   set("controller.client_mode", a.mode);
   set("controller.restart", a.once ? "0" : "1");
-  const auto since_1970 = std::chrono::system_clock::now().time_since_epoch();
-  set("controller.start_time", std::to_string(std::chrono::duration_cast<std::chrono::seconds>(since_1970).count()));
+  set("controller.start_time", "-1");
   const std::string address = a.address.empty() ? (lwr ? "127.0.0.1" : "127.0.0.2") : a.address;
   const std::string client = a.client.empty() ? "127.0.0.1" : a.client;
   set("controller.address", address);

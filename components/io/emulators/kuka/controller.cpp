@@ -54,6 +54,7 @@ const ControllerSettings& checked(const ControllerSettings& s, const std::string
   check_range(s.max_lost, 0, 255, "max_lost", place);
   check_range(static_cast<double>(s.stop_time) * 1e-9, 0, 10, "stop_time in s", place);
   check_range(static_cast<double>(s.slack) * 1e-9, 0, 1, "slack in s", place);
+  check_range(s.acceleration_limit, 1e-3, std::numeric_limits<double>::infinity(), "acceleration_limit", place);
   for (const double limit : s.speed_limit) check_range(limit, 0, 1e3, "speed_limit", place);
   constexpr double kAny = std::numeric_limits<double>::infinity();
   for (const double limit : s.torque_limit) check_range(limit, 0, kAny, "torque_limit", place);
@@ -72,7 +73,8 @@ const ControllerSettings& checked(const ControllerSettings& s, const std::string
 
 InterpolatorSettings interpolation_of(const ControllerSettings& s) {
   InterpolatorSettings i{s.speed_limit,        s.lower,     s.upper, s.send_period,
-                         s.receive_multiplier, s.stop_time, s.slack, 2.0 * s.max_lost + 2};
+                         s.receive_multiplier, s.stop_time, s.slack, 2.0 * s.max_lost + 2,
+                         s.acceleration_limit};
   for (double& limit : i.speed_limit) limit *= s.safety_factor;
   return i;
 }
@@ -91,8 +93,9 @@ bool is_within(double value, double limit) { return value >= 0 && value <= limit
 }  // namespace
 
 const char* to_text(Drop drop) {
-  constexpr std::array<const char*, kDrops> kTexts{"none",   "request", "quality", "lost",   "speed",     "position",
-                                                   "torque", "robot",   "fields",  "closed", "stiffness", "posture"};
+  constexpr std::array<const char*, kDrops> kTexts{"none",      "request", "quality",     "lost",   "speed",
+                                                   "position",  "torque",  "robot",       "fields", "closed",
+                                                   "stiffness", "posture", "acceleration"};
   return kTexts.at(static_cast<std::size_t>(drop));
 }
 
@@ -223,7 +226,7 @@ Fault Controller::use(std::int64_t index, std::int64_t arrival) {
       leave(drop, std::max(arrival, clock_));  // the set point must not go back to the time of arrival
       return Fault::kNone;
     }
-    if (received_.has(C::kPosition) || commands_pose()) interpolator_.command(received_.q, index);
+    if (received_.has(C::kPosition) || commands_pose()) interpolator_.command(received_.q, index, !commands_pose());
     if (received_.has(C::kPose)) {
       if (!has_pose_) frame_.start(received_.X, index);
       frame_.command(received_.X, index);
@@ -247,6 +250,10 @@ bool Controller::commands_pose() const {
 Drop Controller::limit_exceeded(std::int64_t index) {
   Command& c = received_;
   if (lwr() && c.fields != fields_) return Drop::kFields;
+  // Torques and wrenches in another mode than theirs are no command of this session.
+  const bool torques = c.has(C::kTorque) && settings_.command_mode != ClientCommandMode::kTorque;
+  const bool wrenches = c.has(C::kWrench) && settings_.command_mode != ClientCommandMode::kWrench;
+  if (!lwr() && (torques || wrenches)) return Drop::kFields;
   if (c.has(C::kPose) && has_pose_ && frame_.is_jump(c.X, index)) return Drop::kSpeed;
   const bool by_pose = commands_pose();
   if (by_pose) {
@@ -254,19 +261,21 @@ Drop Controller::limit_exceeded(std::int64_t index) {
     if (!settings_.posture(c.X, c.has(C::kRedundancy) ? &c.redundancy : nullptr, c.q)) return Drop::kPosture;
   }
   if (by_pose || c.has(C::kPosition)) {
-    if (const Drop drop = joints_exceeded(index); drop != Drop::kNone) return drop;
+    if (const Drop drop = joints_exceeded(index, by_pose); drop != Drop::kNone) return drop;
   }
   const Drop stiffness = stiffness_exceeded();
   return stiffness != Drop::kNone ? stiffness : overlay_exceeded();
 }
 
-Drop Controller::joints_exceeded(std::int64_t index) const {
+/// Poses have limits of speed alone: the joints of a path of poses may turn quickly.
+Drop Controller::joints_exceeded(std::int64_t index, bool by_pose) const {
   const Joints& q = received_.q;
   for (std::size_t i = 0; i < settings_.joints; ++i) {
     if (!settings_.lower.empty() && q[i] < settings_.lower[i]) return Drop::kPosition;
     if (!settings_.upper.empty() && q[i] > settings_.upper[i]) return Drop::kPosition;
   }
-  return interpolator_.is_jump(q, index) ? Drop::kSpeed : Drop::kNone;
+  if (interpolator_.is_jump(q, index)) return Drop::kSpeed;
+  return !by_pose && interpolator_.is_jerk(q, index) ? Drop::kAcceleration : Drop::kNone;
 }
 
 Drop Controller::stiffness_exceeded() const {

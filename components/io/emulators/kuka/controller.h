@@ -22,15 +22,16 @@ struct ControllerSettings {
   std::int64_t send_period = 5'000'000;  // ns, 1 to 100 ms; Sunrise: whole milliseconds
   std::uint32_t receive_multiplier = 1;  // Sunrise: messages per command, 1 to 100
   std::vector<double> speed_limit;       // rad/s, one per joint; required
-  std::vector<double> lower, upper;      // rad, of commanded positions; empty: no limits
-  std::vector<double> torque_limit;      // N.m, of overlaid torques; empty: no limits
-  double force_limit = std::numeric_limits<double>::infinity();   // N, of an overlaid force
-  double moment_limit = std::numeric_limits<double>::infinity();  // N.m, of an overlaid moment
-  double joint_stiffness_limit = 5000;                            // N.m/rad, of a client of LWR
-  double linear_stiffness_limit = 5000;                           // N/m, likewise
-  double angular_stiffness_limit = 300;                           // N.m/rad, likewise
-  double linear_speed_limit = 2;                                  // m/s, of commanded poses
-  double angular_speed_limit = 4;                                 // rad/s, of commanded poses
+  double acceleration_limit = std::numeric_limits<double>::infinity();  // rad/s², of commanded joint positions
+  std::vector<double> lower, upper;                                     // rad, of commanded positions; empty: no limits
+  std::vector<double> torque_limit;                                     // N.m, of overlaid torques; empty: no limits
+  double force_limit = std::numeric_limits<double>::infinity();         // N, of an overlaid force
+  double moment_limit = std::numeric_limits<double>::infinity();        // N.m, of an overlaid moment
+  double joint_stiffness_limit = 5000;                                  // N.m/rad, of a client of LWR
+  double linear_stiffness_limit = 5000;                                 // N/m, likewise
+  double angular_stiffness_limit = 300;                                 // N.m/rad, likewise
+  double linear_speed_limit = 2;                                        // m/s, of commanded poses
+  double angular_speed_limit = 4;                                       // rad/s, of commanded poses
   double safety_factor = 1;  // 0 to 1, of friStart: scales all limits of speed, force and torque
   RatingSettings rating;
   Quality enter = Quality::kGood;        // commanding begins at this quality or above
@@ -52,19 +53,20 @@ struct ControllerSettings {
 /// Why a commanding state ended.
 enum class Drop : std::uint8_t {
   kNone,
-  kRequest,    // by the robot's program: friStop, end of the motion
-  kQuality,    // below `hold`
-  kLost,       // more commands missing than are bridged
-  kSpeed,      // a step beyond a speed limit
-  kPosition,   // beyond a position limit
-  kTorque,     // beyond a limit of torque, force or moment
-  kRobot,      // a drive is off, or a safety stop
-  kFields,     // LWR: another set of commanded quantities
-  kClosed,     // friClose
-  kStiffness,  // LWR: stiffness or damping out of range
-  kPosture     // no posture for a commanded pose
+  kRequest,      // by the robot's program: friStop, end of the motion
+  kQuality,      // below `hold`
+  kLost,         // more commands missing than are bridged
+  kSpeed,        // a step beyond a speed limit
+  kPosition,     // beyond a position limit
+  kTorque,       // beyond a limit of torque, force or moment
+  kRobot,        // a drive is off, or a safety stop
+  kFields,       // LWR: another set of commanded quantities
+  kClosed,       // friClose
+  kStiffness,    // LWR: stiffness or damping out of range
+  kPosture,      // no posture for a commanded pose
+  kAcceleration  // a change of speed beyond the acceleration limit
 };
-inline constexpr std::size_t kDrops = static_cast<std::size_t>(Drop::kPosture) + 1;
+inline constexpr std::size_t kDrops = static_cast<std::size_t>(Drop::kAcceleration) + 1;
 const char* to_text(Drop drop);
 
 /// What the controller asks from the drives.
@@ -167,7 +169,7 @@ class Controller {
   /// Whether the newest command moves the joints by its pose.
   bool commands_pose() const;
   Drop limit_exceeded(std::int64_t index);
-  Drop joints_exceeded(std::int64_t index) const;
+  Drop joints_exceeded(std::int64_t index, bool by_pose) const;
   Drop stiffness_exceeded() const;
   Drop overlay_exceeded() const;
   bool is_near(const Command& command, std::int64_t index) const;

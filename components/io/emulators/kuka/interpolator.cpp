@@ -4,6 +4,8 @@
 #include <cmath>
 #include <utility>
 
+#include "models/trajectory/approach.h"
+
 namespace cotwin::fri {
 
 namespace {
@@ -22,14 +24,28 @@ void Interpolator::start(const Joints& q, std::int64_t index) {
   slope_.fill(0);
   speed_.fill(0);
   index_ = index;
+  gap_ = 1;
   stopping_ = false;
 }
 
-void Interpolator::command(const Joints& q, std::int64_t index) {
+void Interpolator::command(const Joints& q, std::int64_t index, bool soft) {
   if (stopping_ || index <= index_) return;
+  soft_ = soft;
   for (std::size_t i = 0; i < n_; ++i) slope_[i] = (q[i] - q_[i]) / static_cast<double>(index - index_);
   q_ = q;
+  gap_ = index - index_;
   index_ = index;
+}
+
+bool Interpolator::is_jerk(const Joints& q, std::int64_t index) const {
+  const double period = static_cast<double>(settings_.message_period) * 1e-9;
+  const auto now = static_cast<double>(index - index_), before = static_cast<double>(gap_);
+  // The mean speeds of two intervals differ by the acceleration between their middles.
+  const double change = settings_.acceleration_limit * period * (now + before) / 2 + 2 * kRounding / period;
+  for (std::size_t i = 0; i < n_; ++i) {
+    if (!(std::abs((q[i] - q_[i]) / now - slope_[i]) / period <= change)) return true;
+  }
+  return false;
 }
 
 bool Interpolator::is_jump(const Joints& q, std::int64_t index) const {
@@ -58,10 +74,19 @@ void Interpolator::begin_period(std::int64_t now, std::int64_t lost) {
     double target = q_[i];
     if (lost > 0) target = limited(i, target + slope_[i] * static_cast<double>(lost));
     const double step = settings_.speed_limit[i] * period_;
-    to_[i] = from_[i] + std::clamp(target - from_[i], -step, step);
-    speed_[i] = (to_[i] - from_[i]) / period_;
+    double way = std::clamp(target - from_[i], -step, step);
+    if (soft_ && std::isfinite(settings_.acceleration_limit)) way = std::clamp(softened(i, target), -step, step);
+    to_[i] = from_[i] + way;
+    speed_[i] = way / period_;
   }
   begin_ = now;
+}
+
+/// rad: the way of a period towards `target`, which moves with the speed of the commands.
+double Interpolator::softened(std::size_t i, double target) const {
+  const double a = settings_.acceleration_limit, moves = slope_[i] * settings_.multiplier, behind = target - moves - from_[i];
+  const double wanted = moves / period_ + std::copysign(trajectory::approach_speed(std::abs(behind), a, period_), behind);
+  return std::clamp(wanted, speed_[i] - a * period_, speed_[i] + a * period_) * period_;
 }
 
 void Interpolator::stop(std::int64_t now) {

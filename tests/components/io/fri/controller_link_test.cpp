@@ -548,6 +548,98 @@ TEST(FriControllerLink, StampsItsMessagesWithPlausibleTimes) {
   }
 }
 
+TEST(FriControllerLink, StampsItsMessagesWithTheHostsTimeIfItIsAskedTo) {
+  Controlled c(Protocol::kSunrise1_15);
+  c.set("start_time", "-1");
+  c.start();
+  std::this_thread::sleep_for(std::chrono::milliseconds(30));  // between initialisation and the first step
+  const auto utc = [] {
+    return std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::system_clock::now().time_since_epoch()).count();
+  };
+  const std::int64_t before = utc();
+  c.periods(1);
+  EXPECT_GE(c.message.time, before);
+  EXPECT_LE(c.message.time, utc());
+}
+
+TEST(FriControllerLink, RefusesTorquesAndWrenchesOfAnotherMode) {
+  for (const std::string mode : {"position", "torque", "wrench"}) {
+    for (const std::uint32_t field : std::array<std::uint32_t, 2>{C::kTorque, C::kWrench}) {
+      Controlled c(Protocol::kSunrise1_15);
+      c.set("client_mode", mode);
+      c.start();
+      const std::uint32_t own = mode == "torque" ? +C::kTorque : mode == "wrench" ? +C::kWrench : 0u;
+      bool other = false;
+      c.want = [&] {
+        c.command.fields |= own | (other ? std::uint32_t{field} : 0);
+        c.command.tau.fill(1);
+        c.command.F.setConstant(1);
+      };
+      ASSERT_TRUE(c.commanding()) << mode;
+      c.periods(5);
+      ASSERT_EQ(c.integer("drops"), 0);
+      other = true;
+      c.periods(3);
+      EXPECT_EQ(c.integer("drop"), field == own ? 0 : static_cast<int>(fri::Drop::kFields)) << mode;
+      for (const double tau : c.reals("tau_command")) EXPECT_LE(std::abs(tau), 10) << mode;
+    }
+  }
+}
+
+TEST(FriControllerLink, ReportsTheControlThatItsModeNeeds) {
+  using Control = fri::ControlMode;
+  for (const auto& [mode, control] : {std::pair("position", Control::kPosition), std::pair("torque", Control::kJointImpedance),
+                                      std::pair("wrench", Control::kCartesianImpedance)}) {
+    Controlled c(Protocol::kSunrise1_15);
+    c.set("client_mode", mode);
+    c.start();
+    c.periods(1);
+    EXPECT_EQ(c.message.control, control) << mode;
+    if (control == Control::kPosition) continue;
+    c.set("control", "position");
+    EXPECT_THAT(testing::error_of([&] { c.start(); }),
+                ::testing::HasSubstr("'position' with client_mode=" + std::string(mode)));
+  }
+}
+
+TEST(FriControllerLink, RequestsTransformations) {
+  for (const Protocol p : {Protocol::kSunrise1_15, Protocol::kSunrise2_7}) {
+    Controlled c(p);
+    c.set("transformations", "PBase, PTool");
+    c.start();
+    c.periods(2);
+    ASSERT_EQ(c.message.transformations.count, 2u);
+    EXPECT_EQ(c.message.transformations.values[0].name.view(), "PBase");
+    EXPECT_EQ(c.message.transformations.values[1].name.view(), "PTool");
+    EXPECT_TRUE(c.message.transformations.values[1].pose.R.isIdentity(1e-12));
+    EXPECT_EQ(c.message.transformations.values[1].time, c.message.time);
+    c.set("transformations", "a,b,c,d,e,f");
+    EXPECT_THAT(testing::error_of([&] { c.start(); }), ::testing::HasSubstr("more than 5 names"));
+    c.set("transformations", "a,,b");
+    EXPECT_THAT(testing::error_of([&] { c.start(); }), ::testing::HasSubstr("expected a name of 1 to 63 characters"));
+  }
+}
+
+// 0.94 rad/s within one period of 2 ms are 470 rad/s².
+TEST(FriControllerLink, EndsCommandingAtAStepOfSpeed) {
+  for (const Protocol p : {Protocol::kLwr, Protocol::kSunrise1_15}) {
+    for (const double acceleration : {40.0, 470.0}) {
+      Controlled c(p);
+      c.command.fields = C::kPosition;
+      c.start();
+      double way = 0, speed = 0;
+      c.want = [&] {
+        if (!c.boolean("active")) return;
+        speed = std::min(speed + acceleration * 0.002, 0.94);
+        c.command.q[2] = kStart[2] + (way += speed * 0.002);
+      };
+      ASSERT_TRUE(c.commanding());
+      c.periods(30);
+      EXPECT_EQ(c.integer("drop"), acceleration < 50 ? 0 : static_cast<int>(fri::Drop::kAcceleration)) << fri::to_text(p);
+    }
+  }
+}
+
 TEST(FriControllerLink, SaysWhatItHasSeenOfAClientOfAnotherProtocol) {
   Controlled c(Protocol::kSunrise1_15);
   c.start();

@@ -259,6 +259,36 @@ TEST(FriInterpolator, StepsThroughCommandsOfOneMillisecondAndKeepsTheLimits) {
 }
 
 // A screw: constant speed along z and about it, as seen from the base. Two commands in three are lost.
+// Commands that come late, after a continuation that was wrong, are caught up without a step of speed.
+TEST(FriInterpolator, CatchesUpWithinTheAccelerationLimit) {
+  InterpolatorSettings settings{{1.5}, {}, {}, 5'000'000, 1, 200'000'000, 0, 12, 20};
+  Interpolator interpolator(settings);
+  interpolator.start({}, 0);
+  double speed = 0, q = 0, dq_before = 0, largest = 0;
+  for (std::int64_t k = 1; k < 400; ++k) {
+    // 0.3 rad/s, reached with 10 rad/s²; from message 100 to 108 nothing comes, and the client has turned back meanwhile.
+    const double wanted = k < 100 ? 0.3 : -0.3;
+    speed += std::clamp(wanted - speed, -0.05, 0.05);
+    q += speed * 5e-3;
+    const bool lost = k >= 100 && k < 108;
+    if (!lost) {
+      Joints command{};
+      command[0] = q;
+      EXPECT_FALSE(interpolator.is_jerk(command, k)) << k;
+      interpolator.command(command, k);
+    }
+    interpolator.begin_period(k * 5'000'000, lost ? k - 99 : 0);
+    Joints at{}, dq{};
+    interpolator.at(k * 5'000'000 + 1, at, dq);
+    largest = std::max(largest, std::abs(dq[0] - dq_before));
+    dq_before = dq[0];
+  }
+  EXPECT_LE(largest, 20 * 5e-3 * (1 + 1e-9));
+  Joints at{}, dq{};
+  interpolator.at(400 * 5'000'000, at, dq);
+  EXPECT_NEAR(at[0], q, 1e-9) << "without delay afterwards";
+}
+
 TEST(FriPoseInterpolator, ContinuesAScrewMotion) {
   PoseInterpolatorSettings settings{10, 100, 4 * kMs, 1, 100 * kMs, 0};
   PoseInterpolator frame(settings);
