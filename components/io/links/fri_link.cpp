@@ -20,6 +20,8 @@ constexpr const char* kSilent =
 constexpr const char* kRefused = "inputs were not finite or larger than 1e9: their last usable values were sent";
 constexpr const char* kOther =
     "the robot did not ask for the quantity of mode (client_mode): its last commanded position was held";
+constexpr const char* kOpen =
+    "the controller is on another machine, and FRI has neither authentication nor encryption: use a network of its own";
 constexpr const char* kWithheld = "after a loss, a restart or a jump nothing was commanded until acknowledge rose";
 constexpr std::int64_t kRepeatAnswer = 20'000'000;  // ns without a message, until an answer is repeated
 constexpr int kLastTimes = 5;                       // the last answer is sent again at the end
@@ -87,7 +89,7 @@ Link::Needs FriLink::needs() const {
   return {positions, mode_text_ == "torque"};
 }
 
-void FriLink::open() {
+void FriLink::open(Measured& measured) {
   mode_ = text::choose<Mode>(kFriPlace + ": mode", mode_text_,
                              {{"monitor", Mode::kMonitor},
                               {"position", Mode::kPosition},
@@ -105,11 +107,19 @@ void FriLink::open() {
   if (!controller_.empty()) settings.controller = net::endpoint_of(controller_, 0, kFriPlace + ": controller");
   settings.timeout = Duration::from_seconds(timeout_).ns;
   net::Endpoint local = net::endpoint_of(address_, 0, kFriPlace + ": address");
-  if (is_loopback(local.address) && settings.controller.address != 0 && !is_loopback(settings.controller.address)) {
+  const bool here = is_loopback(local.address), anyone = settings.controller.address == 0;
+  const bool elsewhere = !anyone && !is_loopback(settings.controller.address);
+  if (here && elsewhere) {
     throw Error(kFriPlace + ": address", address_ + ", which only programs on this machine reach, with the controller " +
                                              controller_ +
                                              ", expected this machine's address in the controller's network, or 0.0.0.0");
   }
+  if (!here && anyone) {
+    throw Error(kFriPlace + ": controller", "not given, and address is " + address_ +
+                                                ", which other machines reach: the first sender would be taken for the robot; "
+                                                "expected the address of the robot's controller");
+  }
+  if (elsewhere) measured.warn(kOpen);
   for (const auto* values : {&stiffness_, &damping_}) {
     if (!std::ranges::all_of(*values, fri::is_usable))
       throw Error(kFriPlace + ": stiffness, damping", "expected finite values");
@@ -137,8 +147,8 @@ std::optional<DatagramQueue::Stamp> FriLink::stamp(std::span<const std::uint8_t>
 
 void FriLink::initialise(Time start, Measured& measured) {
   acknowledgement_.begin(kFriPlace);
-  open();
-  measured.warning.reserve(512);
+  measured.warning.reserve(1024);
+  open(measured);
   for (std::vector<double>* values :
        {&measured.q, &measured.dq, &measured.ddq, &measured.tau, &measured.tau_e, &q_robot_, &q_own_, &q_sent_, &e_}) {
     std::ranges::fill(*values, 0);

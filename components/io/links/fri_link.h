@@ -78,7 +78,7 @@ class FriLink final : public Link {
   };
 
   bool drives() const { return mode_ != Mode::kMonitor; }
-  void open();
+  void open(Measured& measured);
   void check_gains() const;
   void wait_for_robot(Time start, Measured& measured);
   void note_refused(const DatagramQueue::Datagram& datagram);
@@ -112,7 +112,7 @@ class FriLink final : public Link {
   fri::Command wanted_;
   fri::Monitoring seen_;  // by the clock
   // Parameters.
-  std::string address_ = "0.0.0.0", controller_, mode_text_ = "monitor";
+  std::string address_ = "127.0.0.1", controller_, mode_text_ = "monitor";
   std::int32_t port_;
   double timeout_ = 0.1, wait_ = 0, dq_cutoff_ = 50, v_command_max_ = 0.25, w_command_max_ = 1,
          ddq_command_max_ = kSafeAcceleration;

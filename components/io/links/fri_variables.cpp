@@ -39,11 +39,13 @@ void FriLink::declare(Variables& v, JointVariables& joints) {
   counts_.declare(v);
   v.output("losses", losses_, "how often the connection was lost");
 
-  v.parameter("address", address_, "IPv4 address of this machine that messages come to; 0.0.0.0: any");
+  v.parameter("address", address_,
+              "IPv4 address of this machine that messages come to; 127.0.0.1: from this machine only; 0.0.0.0: any");
   v.parameter("port", port_, "UDP port that messages come to; 0: the system chooses").range(0, 65535);
-  v.parameter(
-      "controller", controller_,
-      "IPv4 address of the robot's controller, perhaps with :port; messages of others are rejected; empty: the first sender's");
+  v.parameter("controller", controller_,
+              "IPv4 address of the robot's controller, perhaps with :port; messages of others are rejected; empty: the first "
+              "sender's, on "
+              "this machine only");
   v.parameter("mode", mode_text_,
               "what is commanded: monitor (nothing, the robot's own position is mirrored), position, torque, wrench (added to "
               "positions), joint_impedance or "

@@ -369,6 +369,34 @@ TEST(FriSafetyOfSettings, RefusesALoopbackAddressWithARemoteController) {
   EXPECT_NO_THROW(twin.instance.unit->initialise(Time{}));
 }
 
+TEST(FriSafetyOfSettings, IsReachedFromThisMachineOnlyUnlessItsControllerIsNamed) {
+  using ::testing::HasSubstr;
+  Ports twin("robot=lwr4&link=fri&protocol=lwr");
+  twin.set("port", "0");
+  const auto start = [&] { return testing::error_of([&] { twin.instance.unit->initialise(Time{}); }); };
+  EXPECT_EQ(start(), "");
+  EXPECT_EQ(twin.datagrams().local().address, 0x7f000001u);
+  EXPECT_EQ(twin.instance.variables.at("warning").strings()[0], "");
+  twin.set("address", "0.0.0.0");
+  EXPECT_THAT(start(), ::testing::AllOf(HasSubstr("controller: not given"), HasSubstr("0.0.0.0")));
+  twin.set("controller", "127.0.0.1");
+  EXPECT_EQ(start(), "");
+  EXPECT_EQ(twin.instance.variables.at("warning").strings()[0], "");
+  twin.set("controller", "192.0.2.7");
+  EXPECT_EQ(start(), "");
+  EXPECT_THAT(twin.instance.variables.at("warning").strings()[0], HasSubstr("neither authentication nor encryption"));
+}
+
+// The emulated Sunrise controller holds 127.0.0.2:30200. A twin that starts late or again has another address.
+TEST(FriSafetyOfSettings, ATwinBindsItsPortBesideAnEmulatedControllerWithTheSameOne) {
+  const net::UdpSocket controller(net::Endpoint{0x7f000002, 0}, "test");
+  Ports twin("robot=lwr4&link=fri&protocol=sunrise-1.15");
+  twin.set("port", std::to_string(controller.local().port));
+  for (int times = 0; times < 2; ++times) {
+    EXPECT_EQ(testing::error_of([&] { twin.instance.unit->initialise(Time{}); }), "");
+  }
+}
+
 TEST(FriSafetyOfSettings, SaysWhatCameInsteadOfTheRobot) {
   const auto error_after = [](Protocol expected, std::optional<Protocol> comes, const char* controller = "") {
     Rig rig(expected);
