@@ -9,6 +9,7 @@
 #include "components/contact_world/robot_links.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
+#include "models/robot/start.h"
 
 namespace cotwin::contact_world {
 namespace {
@@ -138,7 +139,7 @@ void ContactWorld::build() {
   built_from_ = layout();
 }
 
-/// Notes the joints that start beyond a limit: position correction brings them back slowly.
+/// Notes the joints of the scene that start beyond a limit, because 0 is: position correction brings them back slowly.
 void ContactWorld::note_limits(const scene::Scene& scene) {
   beyond_limits_.clear();
   constexpr double kRounding = 1e-9;
@@ -182,6 +183,8 @@ void ContactWorld::check_parameters() const {
     check(r->prefix, "base_p0", r->base_p0);
     check(r->prefix, "q0", r->q0);
     check(r->prefix, "dq0", r->dq0);
+    if (r->link == Link::kOutside)
+      robot::check_start(place_ + (r->prefix.empty() ? "" : "." + r->placed->name), r->placed->model, r->q0);
     check(r->prefix, "K", r->K);
     check(r->prefix, "D", r->D);
     check(r->prefix, "B", r->B);

@@ -11,6 +11,7 @@
 #include "components/contact_world/port_values.h"
 #include "models/robot/body_parameters.h"
 #include "models/robot/dynamics.h"
+#include "models/robot/start.h"
 
 /// The robots and bodies of the unit, with their variables.
 namespace cotwin::contact_world {
@@ -27,6 +28,7 @@ struct ContactWorld::Robot {
                                    &tau, &acceleration, &mobility}) {
       v->assign(n, 0.0);
     }
+    for (std::size_t i = 0; i < n; ++i) q0[i] = robot::default_start(robot.model.joints[i]);
     for (const std::vector<scene::Shape>& shapes : robot.shapes) {
       for (const scene::Shape& shape : shapes) {
         if (!shape.tool.empty() && std::ranges::find(tools, shape.tool) == tools.end()) tools.push_back(shape.tool);

@@ -10,15 +10,24 @@
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
 #include "models/robot/robot_model.h"
+#include "models/robot/start.h"
 
 namespace cotwin::drive_train {
 namespace {
 
-constexpr std::size_t kLongestWarning = 256;
+constexpr std::size_t kLongestWarning = 512;
 constexpr double kNegligible = 1e-9;  // rest of a tunable's change that is dropped: without changes, forces stay valid
 /// Inertia of the motor of a passive joint with an elastic transmission, kg m²: nothing acts on this motor and its energy is
 /// below rounding; its equation keeps its form.
 constexpr double kNoInertia = 1e-30;
+
+/// Stiffness of a stop: the joint's largest torque presses it 10 mrad or 10 mm into the stop.
+double default_stop(const robot::Joint& joint) {
+  constexpr double kDepth = 0.01;         // rad or m
+  constexpr double kWithoutTorque = 1e4;  // N.m/rad or N/m, where the robot has no torque limits
+  if (!std::isfinite(joint.q_min) && !std::isfinite(joint.q_max)) return 0;
+  return joint.tau_max > 0 && std::isfinite(joint.tau_max) ? joint.tau_max / kDepth : kWithoutTorque;
+}
 
 /// Calls visit(parameter, offset in the state `drives`) for each tunable parameter. Returns the size of that state.
 template <class Visit>
@@ -120,7 +129,8 @@ DriveTrain::DriveTrain(Settings& settings, const Kind& kind)
       x_(5 * n_),
       x_before_step_(5 * n_),
       modes_before_step_(n_),
-      at_start_(n_) {
+      at_start_(n_),
+      limits_(kind.robot ? kind.robot->joints : std::vector<robot::Joint>(n_)) {
   for (auto* v : {&q0_, &dq0_, &tau_m_, &dtau_m_, &tau_e_, &dtau_e_, &q_in_, &dq_in_, &tau_m_before_, &tau_e_before_,
                   &q_before_, &dq_before_, &ddq_, &tau_J_, &tau_f_}) {
     v->resize(n_);
@@ -142,8 +152,8 @@ DriveTrain::DriveTrain(Settings& settings, const Kind& kind)
     if (joint.passive) passive_.push_back(i);
     wanted_.q_min[i] = joint.q_min;
     wanted_.q_max[i] = joint.q_max;
-    if (joint.q_min > 0 || joint.q_max < 0)
-      q0_[i] = std::isfinite(joint.q_min + joint.q_max) ? 0.5 * (joint.q_min + joint.q_max) : joint.q_min;
+    wanted_.stop_stiffness[i] = default_stop(joint);
+    q0_[i] = robot::default_start(joint);
   }
   free_passive_joints();
   take_drives();
@@ -256,6 +266,8 @@ void DriveTrain::initialise(Time start) {
   dissipated_ = work_m_ = work_e_ = work_0_ = error_ = 0;
   substeps_ = forced_ = events_ = 0;
   forced_steps_ = warned_steps_ = 0;
+  limits_.clear();
+  warned_limits_ = 0;
   worst_error_ = 0;
   warning_.clear();
   warning_.reserve(kLongestWarning);  // a step allocates nothing
@@ -380,7 +392,8 @@ StepResult DriveTrain::step(Time now, Duration duration) {
   forced_ = account.forced;
   worst_error_ = std::max(worst_error_, error_);
   forced_steps_ += forced_ > 0;
-  if (forced_steps_ != warned_steps_) write_warning();
+  if (equations_.inside()) limits_.look(x_.data(), wanted_, (now + duration).seconds());
+  if (forced_steps_ != warned_steps_ || limits_.count() != warned_limits_) write_warning();
   events_ = account.events;
   write_outputs(h, uses_sundials() ? sundials_->end() : integrator_.end());
   for (std::size_t i = 0; i < n_; ++i) {
@@ -395,14 +408,16 @@ StepResult DriveTrain::step(Time now, Duration duration) {
 // Also after a snapshot of an earlier step was restored.
 void DriveTrain::write_warning() {
   warned_steps_ = forced_steps_;
+  warned_limits_ = limits_.count();
   warning_.clear();
+  limits_.describe(wanted_, warning_);
   if (forced_steps_ == 0) return;
-  char text[kLongestWarning];
+  char text[256];
   const int length = std::snprintf(text, sizeof text,
-                                   "%d steps ended at max_substeps with an error of up to %.2g times the tolerance (outputs "
+                                   "%s%d steps ended at max_substeps with an error of up to %.2g times the tolerance (outputs "
                                    "forced_steps, worst_error): expected more max_substeps, shorter steps or method=cvode",
-                                   static_cast<int>(forced_steps_), worst_error_);
-  warning_.assign(text, static_cast<std::size_t>(std::max(length, 0)));
+                                   warning_.empty() ? "" : "; ", static_cast<int>(forced_steps_), worst_error_);
+  warning_.append(text, static_cast<std::size_t>(std::max(length, 0)));
 }
 
 void DriveTrain::write_outputs(double h, const Point& end) {
@@ -457,6 +472,7 @@ void DriveTrain::restored() {
   adopt_drives();
   if (equations_.inside()) equations_.restored_bodies();
   integrator_.forget();
+  warned_steps_ = -1;  // the text is written again
   if (!uses_sundials()) return;
   sundials_->configure({.relative = rtol_, .angle = atol_, .speed = atol_speed_});
   sundials_->replay();

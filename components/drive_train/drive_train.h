@@ -7,6 +7,7 @@
 
 #include "components/drive_train/equations.h"
 #include "components/drive_train/integrator.h"
+#include "components/drive_train/limit_watch.h"
 #include "components/drive_train/partials.h"
 #include "components/drive_train/sundials_solver.h"
 #include "components/unit/joint_variables.h"
@@ -95,7 +96,9 @@ class DriveTrain final : public Unit {
   double work_0_ = 0;
   double error_ = 0, worst_error_ = 0;
   std::int32_t substeps_ = 0, forced_ = 0, events_ = 0, forced_steps_ = 0;
+  LimitWatch limits_;
   std::int32_t warned_steps_ = 0;  // those in the text of warning_
+  std::size_t warned_limits_ = 0;  // likewise: joints that have passed a limit
   std::string warning_;
 };
 

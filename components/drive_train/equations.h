@@ -38,7 +38,9 @@ inline constexpr auto kStopParameters = [] {
   return std::to_array<Row>({
       {"q_min", &P::q_min, "rad", "lower joint limit, of the stop", -Row::kNoLimit},
       {"q_max", &P::q_max, "rad", "upper joint limit, of the stop", Row::kNoLimit},
-      {"stop_stiffness", &P::stop_stiffness, "N.m/rad", "of the stops at both limits; 0 for none", 0, 0, Row::kLargest},
+      {"stop_stiffness", &P::stop_stiffness, "N.m/rad",
+       "of the stops at both limits; 0 for none; default: the largest torque presses the joint 0.01 rad (0.01 m) into the stop",
+       0, 0, Row::kLargest},
       {"stop_restitution", &P::stop_restitution, "1", "speed after over before an impact of a free link on its stop", 0.5, 0.01,
        1},
   });

@@ -5,6 +5,7 @@
 #include "components/drive_train/floating_links.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
+#include "models/robot/start.h"
 
 namespace cotwin::drive_train {
 
@@ -47,6 +48,7 @@ void DriveTrain::declare_stops_and_solver(Variables& v) {
 }
 
 void DriveTrain::check_parameters() const {
+  constexpr double kFastest = 1e6;  // rad/s or m/s
   const Parameters& p = wanted_;
   check_values(p, robot::kDriveParameters, place_);
   check_values(p, kStopParameters, place_);
@@ -69,9 +71,11 @@ void DriveTrain::check_parameters() const {
     if (!equations_.inside()) continue;
     if (!std::isfinite(q0_[i])) fail("q0", i, q0_[i], "a finite value");
     if (!std::isfinite(dq0_[i])) fail("dq0", i, dq0_[i], "a finite value");
+    if (!(std::abs(dq0_[i]) <= kFastest)) fail("dq0", i, dq0_[i], "at most 1e6 " + measures_.si("rad/s"));
     if (!(p.q_min[i] < p.q_max[i]))
       fail("q_min", i, p.q_min[i], "below q_max = " + text::to_text(p.q_max[i]) + " " + measures_.si("rad"));
   }
+  if (equations_.inside()) robot::check_start(place_, limits_.joints(), q0_, p.q_min, p.q_max);
 }
 
 }  // namespace cotwin::drive_train

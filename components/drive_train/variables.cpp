@@ -82,6 +82,10 @@ void DriveTrain::declare(Variables& v) {
                   "friction, springs and stops of the link; the four terms together are tau_J + tau_e");
   }
   if (equations_.inside() && uses_sundials()) declare_tools();
+  if (equations_.inside()) {
+    v.state("passed_at", limits_.passed_at, "s", "time at which each joint first passed its upper limit; -1: never");
+    v.state("passed_below", limits_.passed_below, "s", "the same of its lower limit");
+  }
 }
 
 }  // namespace cotwin::drive_train

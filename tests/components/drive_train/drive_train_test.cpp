@@ -7,12 +7,22 @@
 #include "models/robot/dynamics.h"
 #include "models/robot/urdf/urdf.h"
 #include "tests/components/drive_train/harness.h"
+#include "tests/support/error_of.h"
+#include "tests/support/files.h"
 #include "tests/support/places.h"
 
 namespace cotwin::testing {
 namespace {
 
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+
 constexpr double kPi = std::numbers::pi;
+
+const std::string kSlide =
+    "<robot name='slide'><link name='base'/><link name='cart'><inertial><mass value='2'/><inertia ixx='0.01' iyy='0.01' "
+    "izz='0.01' ixy='0' ixz='0' iyz='0'/></inertial></link><joint name='lift' type='prismatic'><parent link='base'/>"
+    "<child link='cart'/><axis xyz='0 0 -1'/><limit lower='0' upper='0.2' effort='100' velocity='1'/></joint></robot>";
 
 // Every method, with tolerances tighter than the test needs.
 class DriveTrainPhysics : public ::testing::TestWithParam<std::string> {
@@ -324,6 +334,48 @@ TEST_P(DriveTrainPhysics, ReturnsFromAHardStopWithTheRestitution) {
   }
 }
 
+// A cart of 2 kg with 0.1 kg of motor falls 0.2 m onto its limit, which carries 100 N at 10 mm.
+TEST_P(DriveTrainPhysics, StopsAtTheLimitsOfTheRobotAndTellsIt) {
+  const TemporaryFolder folder("drive_train");
+  folder.write("slide.urdf", kSlide);
+  const std::string query = "robot=" + (folder.path() / "slide.urdf").string() + "&transmission=rigid";
+  Drive drive(with(query));
+  drive.set("B", 0.1).set("tau_C", 0).set("sigma2", 0).initialise();
+  const auto warning = [](Drive& of) { return of.variables().at("warning").strings()[0]; };
+  for (int n = 0; n < 3000; ++n) {
+    drive.step(1e-3);
+    EXPECT_EQ(warning(drive).empty(), drive["passed_at"][0] < 0) << n;
+  }
+  const double a = 9.81 * 2 / 2.1, fall = std::sqrt(2 * 0.2 / a);
+  EXPECT_NEAR(drive["q"][0], 0.2 + 2 * 9.81 / 1e4, 1e-6);
+  EXPECT_NEAR(drive["passed_at"][0], std::ceil(1e3 * fall) / 1e3, 1e-9);
+  EXPECT_EQ(warning(drive), "joint lift came to the stop at its upper limit of 0.2 m at 0.207 s");
+
+  Drive free(with(query));
+  tight(free).set("B", 0.1).set("tau_C", 0).set("sigma2", 0).set("stop_stiffness", 0).initialise();
+  for (int n = 0; n < 1000; ++n) free.step(1e-3);
+  EXPECT_NEAR(free["q"][0], a / 2, 1e-6);
+  EXPECT_EQ(warning(free), "joint lift passed its upper limit of 0.2 m at 0.207 s");
+}
+
+TEST(DriveTrain, RefusesAStartBeyondTheLimits) {
+  const TemporaryFolder folder("drive_train");
+  folder.write("slide.urdf", kSlide);
+  const auto refusal = [&](const std::string& robot, double q0) {
+    return error_of([&] {
+      Drive drive("robot=" + robot + "&transmission=rigid");
+      drive.set("B", 0.1).set("q0", q0).initialise();
+    });
+  };
+  const std::string slide = (folder.path() / "slide.urdf").string();
+  EXPECT_EQ(refusal(slide, 0.2 * (1 + 1e-10)), "");
+  EXPECT_EQ(refusal(slide, 5), "drive_train.q0[1]: joint lift starts at 5 m, expected 0 to 0.2 m");
+  EXPECT_THAT(refusal(slide, 1e300), HasSubstr("joint lift starts at 1e+300 m, expected 0 to 0.2 m"));
+  EXPECT_THAT(refusal(kRotor, 1e300), HasSubstr("starts at 1e+300 rad, expected "));
+  EXPECT_THAT(refusal("lwr4", 28),
+              AllOf(HasSubstr("joint_1 starts at 28 rad, expected -2.9"), HasSubstr("; a value in degrees?")));
+}
+
 TEST_P(DriveTrainPhysics, WithLinksOutsideMovesItsMotorsAsWithLinksInside) {
   Drive inside(with("robot=lwr4")), outside(with("link=outside&robot=lwr4"));
   for (Drive* drive : {&inside, &outside})
@@ -407,7 +459,6 @@ TEST(DriveTrain, NamesTheParameterThatIsUnphysical) {
     }
     return "";
   };
-  using ::testing::HasSubstr;
   for (const char* name : {"B", "K", "v_S"}) {
     EXPECT_THAT(message(name, 0), HasSubstr(std::string(name) + "[3]: is 0, expected a finite value > 0"));
   }
@@ -418,6 +469,7 @@ TEST(DriveTrain, NamesTheParameterThatIsUnphysical) {
   EXPECT_THAT(message("tau_S", 1), HasSubstr("tau_S[3]: is 1, expected at least tau_C = 5 N.m"));
   EXPECT_THAT(message("q_min", 9), HasSubstr("q_min[3]: is 9, expected below q_max"));
   EXPECT_THAT(message("q0", NAN), HasSubstr("q0[3]: is nan, expected a finite value"));
+  EXPECT_THAT(message("dq0", 1e300), HasSubstr("dq0[3]: is 1e+300, expected at most 1e6 rad/s"));
 }
 
 // A drive that turns steadily: 4 N.m against viscous friction of the link, then also against Coulomb friction.

@@ -186,7 +186,7 @@ TEST(DriveTrainFloating, FollowsAWrenchOnItsBaseWithErrorOfSecondOrder) {
   for (const int steps : {1000, 2000}) {
     Drive drive = satellite();
     start(drive);
-    drive.substeps(1);
+    drive.substeps(1).set("stop_stiffness", 0);  // the joints pass their limits
     set(drive, "gravity", g);
     set(drive, "base_f", f);
     set(drive, "base_m", m);
