@@ -232,7 +232,7 @@ void Compliance::move_frame_compliantly(double h) {
   a_q_ = dq_c_;
   cartesian_->take_wrench(links_, from_joints(), tau_e_, tau_e_rate_);
   cartesian_->advance(links_, from_joints(), limits_, h);
-  cartesian_->find_contact_stiffness(links_, drive_in_force_, gains(), elastic_bandwidth_, tau_e_acts_on_robot_, h);
+  cartesian_->find_contact_stiffness(links_, drive_in_force_, gains(), elastic_bandwidth_, tau_e_acts_on_robot_, tau_max_, h);
   take_cartesian_motion();
   note_limits();
   for (std::size_t i = 0; i < n_; ++i) a_q_[i] = (dq_c_[i] - a_q_[i]) / h;

@@ -132,7 +132,7 @@ void CartesianMotion::check_sampling(Links& links, const ElasticFrame& frame, co
     for (std::size_t i = 0; i < shaping.size(); ++i) shaping_scratch_[i] = 1 + of_shaping * (shaping[i] - 1);
     impedance_->linearise(links, changed, posture, drives, shaping_scratch_, sampled_);
     sampled_.delay = of_delay * delay_;
-    return sampled_loop_->growth(sampled_) < SampledLoop::kNone;
+    return sampled_loop_.growth(sampled_) < SampledLoop::kNone;
   };
   if (!stable(1, 1, 1)) {
     gears_undamped_ = (sampled_.K.array() > 0 && sampled_.D.array() == 0).any() ? 1 : 0;
@@ -167,7 +167,7 @@ void CartesianMotion::append_sampling(std::string& warning) const {
 }
 
 void CartesianMotion::find_contact_stiffness(Links& links, const robot::DriveParameters& drives, const Gains& gains,
-                                             double bandwidth, bool feeds_wrench_forward, double h) {
+                                             double bandwidth, bool feeds_wrench_forward, const Joints& tau_max, double h) {
   // One frequency a step for the first result, then one every kPause steps.
   constexpr std::int32_t kPause = 16;
   if (impedance_ || h <= 0) return;
@@ -191,14 +191,43 @@ void CartesianMotion::find_contact_stiffness(Links& links, const robot::DrivePar
     take_robot_in_contact(links, drives, gains, R_T, R_R);
     following_.bandwidth = bandwidth;
     following_.feeds_wrench_forward = feeds_wrench_forward;
+    links.gravity(joints_.q, tau_scratch_);
+    for (Index i = 0; i < tau_scratch_.size(); ++i) {
+      const double most = tau_max[static_cast<std::size_t>(i)];
+      constexpr double kNone = 1e300;
+      following_.tau[i] = most > 0 ? std::max(most - std::abs(tau_scratch_[i]), 0.0) : kNone;
+    }
     following_.step = h;
+    following_.delay = delay_;
+    if (h > checked_step_) check_following(drives, h);
     if (!contact_.advance(following_)) return;
     contact_turn_ = std::max(contact_turn_, kPause);
-    if (contact_.gain() >= 2) note(kGains);
+    if (follower_vibrates_ != 0) check_following(drives, h);  // gains may have been changed
+    if (follower_vibrates_ != 0) contact_.K_e_max.fill(0);
+    if (contact_.gain() >= 2 || follower_vibrates_ != 0) note(kGains);
   }
   for (std::size_t k = 0; k < 6; ++k) {
     if (contact_.K_e_max[k] > 0 && K_e_[k] > contact_.K_e_max[k]) note(kStiffContact);
   }
+}
+
+/// Whether the motors vibrate without a contact. After take_robot_in_contact().
+void CartesianMotion::check_following(const robot::DriveParameters& drives, double h) {
+  const FollowingRobot& r = following_;
+  sampled_.M = r.M;
+  if ((r.K.array() == 0).all()) sampled_.M.diagonal() -= r.B;
+  for (Index i = 0; i < r.D.size(); ++i) sampled_.D[i] = drives.D[static_cast<std::size_t>(i)];
+  sampled_.B = r.B;
+  sampled_.K = r.K;
+  sampled_.shaping = r.shaping;
+  sampled_.H = r.K_P;
+  sampled_.R = r.K_D;
+  sampled_.relief = 0;
+  checked_step_ = sampled_.step = h;
+  sampled_.delay = delay_;
+  // Of undamped gears there is always some that grows in hours.
+  constexpr double kSlow = 1e-4;
+  follower_vibrates_ = sampled_loop_.growth(sampled_) < kSlow ? 0 : 1;
 }
 
 /// R_T, R_R: axes of translation and rotation in B.
@@ -225,6 +254,7 @@ void CartesianMotion::take_robot_in_contact(Links& links, const robot::DrivePara
     const auto k = static_cast<std::size_t>(i);
     r.B[i] = drives.B[k];
     r.K[i] = drives.K[k];
+    r.D[i] = drives.D[k];
     r.shaping[i] = drives.K[k] > 0 ? gains.shaping[k] : 1.0;
     elastic = elastic || drives.K[k] > 0;
   }

@@ -77,7 +77,7 @@ constexpr Notice kNotices[] = {
     {512, "the compliant frame was stopped at p_min or p_max or held at v_max or w_max"},
     {1024,
      "the gains of tracking are too large for the step, so the motors vibrate (K_e_max is 0): choose a smaller omega, K_s or "
-     "shaping, or a shorter step"},
+     "shaping, a shorter step or delay, or give D if the gears are damped"},
     {2048,
      "S_T or K_o is above 0.35 of the stiffness of the joints (output stiffness_ratio): the gears let the frame overshoot by "
      "more than 2 %, also "
@@ -125,6 +125,7 @@ CartesianMotion::CartesianMotion(Settings& settings, const robot::RobotModel& ro
       P_R_(projector(directions_, 3)),
       self_motion_(settings, robot, directions_, wrench_of_joints_),
       joints_(robot, self_motion_),
+      sampled_loop_(robot.n()),
       contact_(robot.n()),
       following_(robot.n()),
       sampled_(robot.n()),
@@ -148,7 +149,6 @@ CartesianMotion::CartesianMotion(Settings& settings, const robot::RobotModel& ro
     impedance_ = std::make_unique<ImpedanceControl>(robot, directions_);
     impedance_self_motion_ = std::make_unique<ImpedanceSelfMotion>(robot, self_motion_);
     impedance_limits_ = std::make_unique<ImpedanceLimits>(n);
-    sampled_loop_ = std::make_unique<SampledLoop>(robot.n());
   }
   contact_total_.setZero(n, n);
 }
@@ -336,7 +336,7 @@ void CartesianMotion::start(Links& links, const FromJoints& in) {
   is_prepared_ = false;
   met_ = 0;
   contact_turn_ = 0;
-  gears_undamped_ = 0;
+  gears_undamped_ = follower_vibrates_ = 0;
   checked_step_ = delay_border_ = shaping_border_ = stiffness_border_ = 0;
   contact_.reset();
   tank_ = std::min(tank_start_, tank_max_);

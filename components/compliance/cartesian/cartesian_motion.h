@@ -65,9 +65,9 @@ class CartesianMotion {
   void impede(Links& links, const FromJoints& in, const robot::DriveParameters& drives, const Measured& measured,
               const Joints& shaping, std::span<const Limits> limits, const Joints& tau_e, double h, Joints& tau_m);
   /// Goes on with the search for the largest stiffness of an environment (contact_stiffness.h). `bandwidth`: of the winding-up of
-  /// elastic joints. After advance().
+  /// elastic joints; `tau_max`, N.m: 0: no limit. After advance().
   void find_contact_stiffness(Links& links, const robot::DriveParameters& drives, const Gains& gains, double bandwidth,
-                              bool feeds_wrench_forward, double h);
+                              bool feeds_wrench_forward, const Joints& tau_max, double h);
   /// After the states were written.
   void restored();
 
@@ -114,6 +114,7 @@ class CartesianMotion {
   void check_sampling(Links& links, const ElasticFrame& frame, const ElasticPosture& posture,
                       const robot::DriveParameters& drives, const Joints& shaping, double h);
   void append_sampling(std::string& warning) const;
+  void check_following(const robot::DriveParameters& drives, double h);
   void take_robot_in_contact(Links& links, const robot::DriveParameters& drives, const Gains& gains, const Eigen::Matrix3d& R_T,
                              const Eigen::Matrix3d& R_R);
   JointMotionGains gains() const;
@@ -172,11 +173,11 @@ class CartesianMotion {
   std::unique_ptr<ImpedanceControl> impedance_;  // nullptr: render=admittance
   std::unique_ptr<ImpedanceSelfMotion> impedance_self_motion_;
   std::unique_ptr<ImpedanceLimits> impedance_limits_;
-  std::unique_ptr<SampledLoop> sampled_loop_;
+  SampledLoop sampled_loop_;
   double delay_ = 0;  // s
   // States: the step that was checked last and, where the robot vibrates, the values up to which it does not.
-  double checked_step_ = 0;                                              // s; 0: none
-  std::int32_t gears_undamped_ = 0;
+  double checked_step_ = 0;  // s; 0: none
+  std::int32_t gears_undamped_ = 0, follower_vibrates_ = 0;
   double delay_border_ = 0, shaping_border_ = 0, stiffness_border_ = 0;  // s, 1, 1
   std::array<double, 6> K_e_{};                                          // N/m, N.m/rad; 0: unknown
   double omega_t_ = 0, zeta_t_ = 1;                                      // rad/s, 1

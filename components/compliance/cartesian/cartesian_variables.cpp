@@ -88,9 +88,9 @@ void CartesianMotion::declare(Variables& v) {
   v.parameter("zeta_t", zeta_t_, "1", "its damping ratio").range(0, kAny);
   v.state("contact_turn", contact_turn_, "counter of the steps in which K_e_max is computed, one frequency every 16 steps");
   v.state("K_e_max", contact_.K_e_max, "1",
-          "a stiffness of the environment below which no contact vibrates, along the axes of S_T, then of K_o, N/m and "
-          "N.m/rad; 0 in "
-          "directions that are not rendered, and in the first steps");
+          "a stiffness of the environment below which no contact vibrates after pushes up to 0.06 N.s, along the axes of S_T, "
+          "then of K_o, N/m and "
+          "N.m/rad; 0 in directions that are not rendered, in the first steps, and where the motors vibrate without a contact");
   v.parameter("p_min", p_min_, "m", "lower sides of a box in W for the origin of the compliant frame; p_min >= p_max: none")
       .range(-kAny, kAny);
   v.parameter("p_max", p_max_, "m", "upper sides of the box").range(-kAny, kAny);
@@ -104,22 +104,25 @@ void CartesianMotion::declare(Variables& v) {
 }
 
 void CartesianMotion::declare_search(Variables& v) {
-  if (impedance_) {
-    v.parameter("delay", delay_, "s",
-                "age of the measurements at the beginning of a step (bus, filters), for the check whether the robot vibrates")
-        .range(0, 1);
-    v.state("checked_step", checked_step_, "s", "the longest step that this check was made for; 0: none");
-    v.state("gears_undamped", gears_undamped_, "where the robot vibrates: 1 if D is 0 for an elastic joint");
-    v.state("delay_border", delay_border_, "s", "where the robot vibrates: the delay up to which it does not; 0: none helps");
-    v.state("shaping_border", shaping_border_, "1", "likewise of the largest shaping");
-    v.state("stiffness_border", stiffness_border_, "1",
-            "likewise of S_T and K_o, with their damping, relative to their values");
+  if (!impedance_) {
+    v.state("K_e_least", contact_.least, "1", "as K_e_max, of the frequencies that the present search has passed");
+    v.state("contact_before", contact_.before, "1", "-1/G at the last frequency of the search, real and imaginary parts");
+    v.state("contact_frequency", contact_.Omega, "rad/s", "the last frequency of the search; 0: a new search begins");
+    v.state("contact_ratio", contact_.ratio, "1", "ratio of the last two frequencies of the search");
+  }
+  v.parameter("delay", delay_, "s",
+              "age of the measurements at the beginning of a step (bus, filters), for the check whether the robot vibrates and "
+              "for K_e_max")
+      .range(0, 1);
+  v.state("checked_step", checked_step_, "s", "the longest step for which this was checked; 0: none");
+  if (!impedance_) {
+    v.state("follower_vibrates", follower_vibrates_, "1 if the robot vibrates without a contact, so that K_e_max is 0");
     return;
   }
-  v.state("K_e_least", contact_.least, "1", "as K_e_max, of the frequencies that the present search has passed");
-  v.state("contact_before", contact_.before, "1", "-1/G at the last frequency of the search, real and imaginary parts");
-  v.state("contact_frequency", contact_.Omega, "rad/s", "the last frequency of the search; 0: a new search begins");
-  v.state("contact_ratio", contact_.ratio, "1", "ratio of the last two frequencies of the search");
+  v.state("gears_undamped", gears_undamped_, "where the robot vibrates: 1 if D is 0 for an elastic joint");
+  v.state("delay_border", delay_border_, "s", "where the robot vibrates: the delay up to which it does not; 0: none helps");
+  v.state("shaping_border", shaping_border_, "1", "likewise of the largest shaping");
+  v.state("stiffness_border", stiffness_border_, "1", "likewise of S_T and K_o, with their damping, relative to their values");
 }
 
 }  // namespace cotwin::compliance

@@ -206,7 +206,7 @@ double growth(const std::string& query, const std::string& robot, double K_e, co
   constexpr int kSteps = 3000, kParts = 10;
   const auto wall = [&](const VectorXd& at) -> Vector3d { return -K_e * axis * axis.dot(kinematics.at(at).p - X.p); };
   for (int n = 0; n < kSteps; ++n) {
-    const Vector3d push = n < 20 ? Vector3d(axis * 5) : Vector3d::Zero();
+    const Vector3d push = n < 20 ? Vector3d(axis * 3) : Vector3d::Zero();
     if (loop.unit.instance().variables.find("f_e") != nullptr) loop.unit["f_e"] = wall(loop.drive["q"]) + push;
     loop.step_parts(kParts, [&](Subject& drive) {
       drive["tau_e"] = kinematics.jacobian(drive["q"]).topRows(3).transpose() * (wall(drive["q"]) + push);
@@ -278,8 +278,8 @@ TEST(CartesianImpedance, NoContactVibratesBelowKeMaxWhateverRobotInertiaAndGains
       for (Subject* part : {&loop.unit, &loop.drive}) {
         (*part)["K"].setConstant(d.K);
         (*part)["B"].setConstant(d.B);
+        (*part)["D"].setConstant(d.K / 1000);
       }
-      loop.drive["D"].setConstant(d.K / 1000);
     };
     const VectorXd K_e_max = told(d.robot, set);
     const double K_e = K_e_max[d.axis];

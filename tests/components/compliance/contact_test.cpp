@@ -131,7 +131,7 @@ double predicted(const Design& d) {
   robot.M(0, 0) = d.K > 0 ? kInertia : total;
   robot.B[0] = d.B;
   robot.K[0] = d.K;
-  robot.damping = kDamping;
+  robot.D[0] = kDamping;
   robot.K_P(0, 0) = d.omega * d.omega * total;
   robot.K_D(0, 0) = 2 * d.omega * total;
   robot.shaping[0] = d.shaping;

@@ -32,11 +32,13 @@ FollowingRobot::FollowingRobot(int n)
     : M(Eigen::MatrixXd::Identity(n, n)),
       B(Eigen::VectorXd::Zero(n)),
       K(B),
+      D(B),
       shaping(Eigen::VectorXd::Ones(n)),
       K_P(Eigen::MatrixXd::Zero(n, n)),
       K_D(K_P),
       J(Eigen::MatrixXd::Zero(6, n)),
-      J_bar(Eigen::MatrixXd::Zero(n, 6)) {}
+      J_bar(Eigen::MatrixXd::Zero(n, 6)),
+      tau(Eigen::VectorXd::Constant(n, kNone)) {}
 
 ContactSweep::ContactSweep(int n)
     : lu_(n), llt_(n), scaled_(Eigen::MatrixXd::Zero(n, n)), eigen_(n), column_(Eigen::VectorXd::Zero(n)) {
@@ -48,7 +50,7 @@ ContactSweep::ContactSweep(int n)
   llt_.compute(Eigen::MatrixXd::Identity(n, n));
 }
 
-// Everything that the controller gets from measurements comes z = e^(−s step/2) late. With f along each of the six axes:
+// Everything that the controller gets from measurements comes z = e^(−s (delay + step/2)) late. With f along each of the six axes:
 //   q_c = z J̄ A⁻¹ f,   A = M s² + D s + S
 // Rigid robots:
 //   M s² q = Jᵀ f + M s² q_c + (K_P + K_D s)(q_c − z q) − z Jᵀ f
@@ -58,7 +60,7 @@ ContactSweep::ContactSweep(int n)
 //   u = (B/r) s² θ_c + τ_w + (K_P + K_D s)(θ_c − z θ),   τ_w = F (M s² q_c − z Jᵀ f),   θ_c = q_c + τ_w/K
 void ContactSweep::respond(const FollowingRobot& r, double at) {
   const Index n = r.M.rows();
-  const Complex s(0, at), s2 = s * s, z = std::exp(-r.step / 2 * s);
+  const Complex s(0, at), s2 = s * s, z = std::exp(-(r.delay + r.step / 2) * s);
   for (int part = 0; part < 2; ++part) {
     const Impedance& A = part == 0 ? r.translation : r.rotation;
     x_c_.block<3, 3>(3 * part, 3 * part) =
@@ -84,7 +86,7 @@ void ContactSweep::respond(const FollowingRobot& r, double at) {
       const double K = soft ? r.K[i] : kStiff;
       if (soft) tau_w_.row(i) *= F;
       theta_.row(i).head(6) = q_c_.row(i) + tau_w_.row(i) / K;  // θ_c
-      held_(i, i) = K + r.damping * s + (r.shaping[i] - 1) * z * K;
+      held_(i, i) = K + r.D[i] * s + (r.shaping[i] - 1) * z * K;
     }
     drive_.leftCols(6).noalias() = gain_.lazyProduct(theta_.leftCols(6));
     for (Index i = 0; i < n; ++i) {
@@ -96,7 +98,7 @@ void ContactSweep::respond(const FollowingRobot& r, double at) {
     theta_ = lu_.solve(held_);
     q_ = r.J.transpose().cast<Complex>();
     for (Index i = 0; i < n; ++i) {
-      const Complex kappa = (r.K[i] > 0 ? r.K[i] : kStiff) + r.damping * s;
+      const Complex kappa = (r.K[i] > 0 ? r.K[i] : kStiff) + r.D[i] * s;
       links_.row(i) -= kappa * theta_.row(i).head(n);
       links_(i, i) += kappa;
       q_.row(i) += kappa * theta_.row(i).tail(6);
@@ -158,6 +160,33 @@ bool ContactSweep::advance(const FollowingRobot& robot) {
   return true;
 }
 
+/// The largest K_e, at most `most`, with which a push of kImpulse along the axis `direction` does not saturate the motors.
+double ContactSweep::unsaturated(const FollowingRobot& robot, Index direction, double most) {
+  const bool rigid = (robot.K.array() == 0).all();
+  const double M = robot.translation.M(direction, direction);
+  column_.noalias() = robot.M.lazyProduct(robot.J_bar.col(direction));  // torques of the links for an acceleration of 1
+  const auto fits = [&](double K_e) {
+    const double omega2 = K_e / M, a = kImpulse / M * std::sqrt(omega2);
+    for (Index i = 0; i < column_.size(); ++i) {
+      double torque = std::abs(column_[i] + (rigid ? 0 : robot.B[i]) * robot.J_bar(i, direction));
+      if (robot.K[i] > 0) {
+        const double smoothed = omega2 / (1 + omega2 / (robot.bandwidth * robot.bandwidth));
+        torque += robot.B[i] * smoothed * std::abs(column_[i]) / robot.K[i];
+      }
+      if (a * torque > kTorque * robot.tau[i]) return false;
+    }
+    return true;
+  };
+  if (fits(most)) return most;
+  double low = 0, high = most;
+  constexpr double kExact = 1e-3;
+  while (high - low > kExact * most) {
+    const double middle = (low + high) / 2;
+    (fits(middle) ? low : high) = middle;
+  }
+  return low;
+}
+
 void ContactSweep::finish(const FollowingRobot& robot) {
   const bool rigid = (robot.K.array() == 0).all();
   for (Index i = 0; i < scaled_.rows(); ++i)
@@ -180,6 +209,7 @@ void ContactSweep::finish(const FollowingRobot& robot) {
     const double mass = 1 / std::max(column_.squaredNorm(), 1e-12);
     const double most = std::min(A.M(k % 3, k % 3), mass) / (robot.step * robot.step);
     K_e_max[i] = rendered ? std::min(share * least[i], most) : 0;
+    if (k < 3) K_e_max[i] = unsaturated(robot, k, K_e_max[i]);
   }
   Omega = 0;
 }

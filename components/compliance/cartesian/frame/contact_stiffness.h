@@ -27,25 +27,31 @@ struct FollowingRobot {
   explicit FollowingRobot(int n);
 
   Eigen::MatrixXd M;         // of the links (n x n); with the motors where all joints are rigid
-  Eigen::VectorXd B, K;      // of the motors and the gears (n); K = 0: rigid
+  Eigen::VectorXd B, K, D;   // of the motors and the gears (n); K = 0: rigid
   Eigen::VectorXd shaping;   // of the motor inertia (n); 1 where a joint is rigid
   Eigen::MatrixXd K_P, K_D;  // gains of tracking (n x n)
   Eigen::MatrixXd J;         // of the frame along the axes (6 x n); a row that is 0: not rendered
   Eigen::MatrixXd J_bar;     // joints for a motion of the compliant frame along the axes (n x 6)
+  Eigen::VectorXd tau;       // N.m; what the motors can give beside gravity (n)
   Impedance translation, rotation;
   double bandwidth = 500;  // rad/s; of the winding-up of elastic joints
-  double damping = 0;      // N.m.s/rad; parallel to each gear's spring
   bool feeds_wrench_forward = true;
   double step = 1e-3;  // s; torques are held for it
+  double delay = 0;    // s; age of the measurements at the beginning of a step
 };
 
 /// The largest stiffness of an environment in one of six directions, for such a robot, one frequency after the other: the least
 /// −1/G(jΩ) > 0 for 0.1 ≤ Ω ≤ π/step (Nyquist), G = x/f of links, motors and controller along that direction without the
 /// environment, with all joints and couplings. The steps of Ω are chosen so that the phase of no G turns by more than 0.3 rad.
 ///
-/// The measured wrench is fed forward, so the loop has only the delays of that: half a step, because torques are held for it, and
+/// The measured wrench is fed forward, so the loop has only the delays of that: `delay`, half a step, because torques are held for it, and
 /// 2/bandwidth of the winding-up of elastic joints. During the delays the force itself moves the links, which helps if they are
 /// not heavier than M.
+///
+/// A push must not saturate the motors, because their contact can vibrate on then, where it would not otherwise. Of a push of kImpulse the mass M has the speed
+/// v = kImpulse/M and, at the contact, the acceleration a = v √(K_e/M). With l = M_links J̄ a the motors have to give l + B J̄ a and wind up
+/// the gears, B ω² l/K with ω² = K_e/M, which the smoothing by `bandwidth` makes smaller. K_e is bounded so that this is at most kTorque `tau`; the
+/// rest is for the winding-up after the jump of the force.
 ///
 /// To be a lower bound in spite of sampling, friction, gravity and motion, which are not in G: where kDelay steps more or less of delay
 /// would make the phase −π, it counts as −π, and the result is kShare (1 − ρ/2) of the least |1/G|, ρ = step λ_max((B/r)⁻¹ K_D): with ρ ≥ 2 the motors vibrate without a contact. It is at most min(M, mass of the links)/step²: a contact that vibrates at more than
@@ -54,6 +60,8 @@ class ContactSweep {
  public:
   static constexpr double kDelay = 0.1;  // steps
   static constexpr double kShare = 0.5;
+  static constexpr double kImpulse = 0.06;  // N.s; pushes of translation up to this do not saturate the motors
+  static constexpr double kTorque = 0.5;
 
   explicit ContactSweep(int n);
 
@@ -77,6 +85,7 @@ class ContactSweep {
   using ComplexMatrix = Eigen::MatrixXcd;
   void respond(const FollowingRobot& robot, double at);
   void finish(const FollowingRobot& robot);
+  double unsaturated(const FollowingRobot& robot, Eigen::Index direction, double most);
 
   std::array<Complex, 6> G_{};
   ComplexMatrix x_c_, q_c_, tau_w_, drive_, gain_, motors_, links_, held_, theta_, q_;
