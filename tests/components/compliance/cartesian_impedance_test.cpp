@@ -304,6 +304,20 @@ TEST(CartesianImpedance, KeMaxIsZeroWhereTheMotorsVibrateWithoutAContact) {
   EXPECT_NE(unit.warning().find("the gains of tracking are too large"), std::string::npos) << unit.warning();
 }
 
+TEST(CartesianImpedance, KeMaxIsZeroWhereTorqueFeedbackMeetsUndampedGears) {
+  for (const bool damped : {false, true}) {
+    Subject unit("unit:compliance?space=cartesian", "lwr4");
+    desire(unit, Kinematics("lwr4").at(lwr4_posture()));
+    unit["q"] = unit["theta"] = lwr4_posture();
+    unit["shaping"].setConstant(3);
+    if (!damped) unit["D"].setZero();
+    unit.initialise();
+    for (int n = 0; n < 1000; ++n) unit.step();
+    EXPECT_EQ(unit["K_e_max"].maxCoeff() > 0, damped);
+    EXPECT_EQ(unit.warning().find("give D if the gears are damped") == std::string::npos, damped) << unit.warning();
+  }
+}
+
 TEST(CartesianImpedance, AStifferEnvironmentThanKeMaxIsReportedWithWhatHelps) {
   CartesianLoop loop("", "lwr4");
   desire(loop.unit, Kinematics("lwr4").at(lwr4_posture()));

@@ -6,6 +6,7 @@
 #include <complex>
 #include <random>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "components/compliance/cartesian/frame/contact_stiffness.h"
@@ -87,13 +88,13 @@ double of_one_joint(const SecondOrder& a, FollowingRobot robot) {
   return 0;
 }
 
-TEST(ContactStiffness, OfARigidRobotIsBelowThatOfTheDelayOfHalfAStep) {
+TEST(ContactStiffness, OfARigidRobotIsBelowThatOfTheDelayOfHalfAStepAndOfItsMeasurements) {
   // The contact moves the mass m itself during the delay T: (M s² + D s + S) + K_e e^(−T s) = 0 for m → ∞ and weak gains, at s =
   // jΩ: tan(TΩ) = DΩ/(MΩ² − S), K_e = DΩ/sin(TΩ).
   for (const double h : {2e-4, 2e-3, 1e-2}) {
-    for (const double S : {0.0, 100.0, 2000.0}) {
+    for (const auto& [S, old] : {std::pair{0.0, 0.0}, {100.0, 0.0}, {2000.0, 0.0}, {100.0, 2.0}}) {
       const SecondOrder a{1, 40, S};
-      const double T = (0.5 + ContactSweep::kDelay) * h;
+      const double delay = old * h, T = delay + (0.5 + ContactSweep::kDelay) * h;
       double low = std::sqrt(S), high = 1.57 / T;
       for (int k = 0; k < 100; ++k) {
         const double Omega = (low + high) / 2;
@@ -103,7 +104,8 @@ TEST(ContactStiffness, OfARigidRobotIsBelowThatOfTheDelayOfHalfAStep) {
       FollowingRobot heavy(1);
       heavy.M(0, 0) = 1e6;
       heavy.step = h;
-      EXPECT_NEAR(of_one_joint(a, heavy), exact, 0.08 * exact) << h << " " << S;
+      heavy.delay = delay;
+      EXPECT_NEAR(of_one_joint(a, heavy), exact, 0.08 * exact) << h << " " << S << " " << delay;
     }
   }
 }
