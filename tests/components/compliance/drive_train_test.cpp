@@ -342,7 +342,7 @@ TEST(ComplianceWithDriveTrain, DeclaresTheParametersOfTheDriveAlike) {
     const bool followed = controller.variables.find(std::string(row.name) + "_in_force") != nullptr;
     EXPECT_EQ(followed, row.mutability != Mutability::kFixed) << row.name;
   }
-  EXPECT_EQ(shared, 26);
+  EXPECT_EQ(shared, 27);
 }
 
 TEST(JointMeasures, OfPrismaticJointsAreInMetresAndNewtons) {
