@@ -373,6 +373,25 @@ Engine::Cost Engine::cost(std::size_t member, std::int64_t ticks, double tries) 
   return {mean, every_try ? steps * tries : steps, samples_[slot]};
 }
 
+/// What a value that is not finite may come from: the loop of the member, if it is in one. Else "".
+std::string Engine::loop_of(std::size_t member) const {
+  constexpr std::size_t kMostNames = 6;
+  for (std::size_t g = 0; g < groups_.size(); ++g) {
+    if (std::ranges::find(groups_[g], member) == groups_[g].end()) continue;
+    std::vector<std::string> names;
+    for (const std::size_t m : groups_[g]) {
+      if (names.size() < kMostNames) names.push_back(members_[m].name());
+    }
+    const std::string more = groups_[g].size() > kMostNames ? " and more" : "";
+    return "; it is in the loop " + text::joined(names) + more +
+           (loops_[g].solved
+                ? ", which is solved in each step: if its values grow, expected a smaller tick"
+                : ", which is stepped explicitly: if its values grow, expected coupling=implicit or a smaller tick") +
+           " (cotwin check tells its gain)";
+  }
+  return "";
+}
+
 void Engine::report_non_finite(Time now) const {
   for (const Slot& slot : schedule.slots) {  // in the order of stepping: the first one found is the origin
     for (const Variable& v : members_[slot.member].variables()) {
@@ -382,7 +401,7 @@ void Engine::report_non_finite(Time now) const {
         if (std::isfinite(values[i])) continue;
         const std::string& member = members_[slot.member].name();
         throw Error(element_name(member, v, i) + " is " + text::to_text(values[i]) + " at t = " + text::to_text(now.seconds()) +
-                    " s, expected a finite " + std::string(name_of(v.role)));
+                    " s, expected a finite " + std::string(name_of(v.role)) + loop_of(slot.member));
       }
     }
   }

@@ -188,6 +188,7 @@ class Engine {
   Duration first_tick() const { return schedule.tick(0).end - schedule.tick(0).begin; }
   void arrange_solved();
   void watch_values();
+  std::string loop_of(std::size_t member) const;
   [[noreturn]] void report_non_finite(Time now) const;
   void start_workers(int threads, bool always);
 

@@ -89,6 +89,32 @@ bool is_fmu(const fs::path& path) {
 
 namespace {
 
+/// What to say of the first option that its command does not have; "" if there is none.
+std::string hint_for_options(const CLI::App& app) {
+  const std::vector<CLI::App*> given = app.get_subcommands();
+  if (given.empty()) return "";
+  const CLI::App& command = *given.front();
+  for (const std::string& word : command.remaining()) {
+    if (!word.starts_with("--")) continue;
+    const std::string name = word.substr(0, word.find('='));
+    std::vector<std::string> known;
+    for (const CLI::Option* option : command.get_options()) {
+      for (const std::string& one : option->get_lnames()) known.push_back("--" + one);
+    }
+    const std::string what = "'" + name + "' is not an option of " + command.get_name();
+    constexpr std::string_view kSteps[] = {"--step-size", "--stepsize", "--step",
+                                           "--tick",      "--dt",       "--communication-step-size"};
+    if (command.get_name() == "run" && std::ranges::find(kSteps, name) != std::end(kSteps)) {
+      return what +
+             "; the step of an FMU is --output-interval SECONDS, that of a scenario the attribute tick of cotwin:Master in its "
+             "file";
+    }
+    const std::string similar = cotwin::text::closest(name, known);
+    return what + (similar.empty() ? "" : "; did you mean " + similar + "?");
+  }
+  return "";
+}
+
 int run(int argc, char** argv) {
   using namespace cotwin::master;
   ignore_signals_of_writing();
@@ -136,9 +162,18 @@ int run(int argc, char** argv) {
         const char* const before = names.empty() ? "" : command == commands.back() ? " or " : ", ";
         names += before + command->get_name();
       }
-      throw CLI::ExtrasError(std::string("'") + argv[1] + "' is not a command, expected " + names, CLI::ExitCodes::ExtrasError);
+      std::vector<std::string> known;
+      for (const CLI::App* command : commands) known.push_back(command->get_name());
+      const std::string similar = cotwin::text::closest(argv[1], known);
+      throw CLI::ExtrasError(std::string("'") + argv[1] + "' is not a command, expected " + names +
+                                 (similar.empty() ? "" : "; did you mean " + similar + "?"),
+                             CLI::ExitCodes::ExtrasError);
     }
     app.parse(argc, argv);
+  } catch (const CLI::ExtrasError& error) {
+    const std::string hint = hint_for_options(app);
+    return app.exit(hint.empty() ? error : CLI::ExtrasError(hint, CLI::ExitCodes::ExtrasError)) == 0 ? kExitDone
+                                                                                                     : kExitBadInput;
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? kExitDone : kExitBadInput;
   }

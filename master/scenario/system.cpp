@@ -84,6 +84,11 @@ Element Reader::read(const xml::Element& document, const std::filesystem::path& 
 }
 
 Element Reader::read_root(const xml::Element& root, const std::filesystem::path& folder, const std::string& path) {
+  if (root.name == "robot") {
+    throw Error(root.place, "is a URDF, expected a scenario (.ssd); cotwin new --robot FILE writes a first one for its robot");
+  }
+  if (root.name == "sdf")
+    throw Error(root.place, "is a scene (SDF), expected a scenario (.ssd) whose components have the setting scene");
   if (root.space != kSsd || root.name != "SystemStructureDescription") {
     throw Error(root.place, "'" + root.name + "' of namespace '" + root.space +
                                 "', expected 'SystemStructureDescription' of '" + kSsd + "'");

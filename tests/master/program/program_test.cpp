@@ -12,6 +12,7 @@
 #include <thread>
 
 #include "tests/support/files.h"
+#include "tests/support/places.h"
 #include "tests/support/run_program.h"
 
 namespace {
@@ -145,6 +146,28 @@ TEST_F(Program, OutputThatCannotBeWrittenIsAnError) {
       cotwin::testing::run_program({"run", scenario(), "--stop", "0.01"}, {.folder = folder_, .out = "/dev/full"});
   EXPECT_EQ(printed.code, 2);
   EXPECT_THAT(printed.err, HasSubstr("stdout: cannot be written"));
+}
+
+TEST_F(Program, NamesWhatWasProbablyMeant) {
+  EXPECT_THAT(run({"rnu", scenario()}).err, HasSubstr("'rnu' is not a command, expected run, pack"));
+  EXPECT_THAT(run({"rnu", scenario()}).err, HasSubstr("did you mean run?"));
+  EXPECT_THAT(run({"run", scenario(), "--recrod", "a.*"}).err,
+              HasSubstr("'--recrod' is not an option of run; did you mean --record?"));
+  for (const char* option : {"--step-size", "--tick=1"}) {
+    const RunResult refused = run({"run", scenario(), option, "0.1"});
+    EXPECT_EQ(refused.code, 2);
+    EXPECT_THAT(refused.err,
+                HasSubstr("the step of an FMU is --output-interval SECONDS, that of a scenario the attribute tick"));
+  }
+  EXPECT_THAT(run({"new", "--robot", "lwr"}).err,
+              HasSubstr("robot 'lwr': is neither a file nor the name of a robot, expected a URDF; did you mean lwr4?"));
+  const fs::path urdf = fs::path(cotwin::places::source()) / "models/robots/lwr4/robot.urdf";
+  for (const char* command : {"run", "check", "info"}) {
+    const RunResult refused = run({command, urdf});
+    EXPECT_EQ(refused.code, 2);
+    EXPECT_THAT(refused.out + refused.err,
+                HasSubstr("is a URDF, expected a scenario (.ssd); cotwin new --robot FILE writes a first one"));
+  }
 }
 
 TEST_F(Program, NamesInvalidArguments) {

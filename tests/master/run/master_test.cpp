@@ -18,6 +18,7 @@ namespace {
 using ::cotwin::testing::Build;
 using ::cotwin::testing::error_of;
 using ::cotwin::testing::value;
+using ::testing::AllOf;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::Not;
@@ -155,6 +156,27 @@ TEST(Master, ANanEndsTheRunAndNamesItsSource) {
     });
   }();
   EXPECT_EQ(message, "f.y[3] is nan at t = 0.005 s, expected a finite output");
+}
+
+// Its source may be the loop and not the unit that computes it first.
+TEST(Master, ANanInALoopNamesTheLoop) {
+  Build b;
+  b.unit("g", "gain", 1).with("gain", 0.5).unit("i", "gain").with("gain", 0.5).connect("g.y", "i.u").connect("i.y", "g.u");
+  b.scenario.coupling = CouplingChoice::kExplicit;
+  Master master = b.load();
+  master.initialise();
+  EXPECT_TRUE(master.step_tick());
+  for (Member& member : master.members()) {
+    if (member.name() == "g") member.variables().at("y").reals()[0] = std::nan("");
+  }
+  master.values_changed();
+  EXPECT_THAT(
+      error_of([&] {
+        while (master.step_tick()) {
+        }
+      }),
+      AllOf(HasSubstr("is nan at t = "), HasSubstr("; it is in the loop g, i, which is stepped explicitly: if its values "
+                                                   "grow, expected coupling=implicit or a smaller tick")));
 }
 
 TEST(Master, AUnitThatThrowsIsNamedWithItsTime) {
