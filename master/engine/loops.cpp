@@ -1,6 +1,7 @@
 // The loops of a scenario: which are solved, their gains, their report.
 #include <algorithm>
 #include <cmath>
+#include <ctime>
 #include <limits>
 #include <tuple>
 #include <utility>
@@ -18,13 +19,22 @@ constexpr double kDoubtfulGain = 0.5;     // of a loop that steps explicitly
 constexpr int kFirstTrial = 128;          // steps, in which the growth of a deviation is looked for at the start of a run …
 constexpr int kLaterTrial = 512;          // … and where values grow
 
-/// Returns the length of a step (s) from which on explicit steps let a deviation grow, to 1 %. See LoopReport::border.
-double stability_border(ExplicitSteps& steps, Time now, Duration tick) {
+struct Border {
+  double step = 0;      // s, from which on explicit steps let a deviation grow, to 1 %; as LoopReport::border
+  double examined = 0;  // s, the longest step that was looked at
+};
+
+/// Loops whose steps take long are given up after some processor time: longer steps are not looked at, and the border is known to 5 %.
+Border stability_border(ExplicitSteps& steps, Time now, Duration tick) {
+  constexpr double kPatience = 5;  // s of processor time
+  constexpr double kHurriedPrecision = 1.05;
   constexpr int kDoublings = 10, kPerDoubling = 4;
   constexpr double kPrecision = 1.01;
   constexpr double kBudget = 131072;              // ticks in all steps of a measurement
   constexpr double kFewest = 512, kMost = 16384;  // steps of one
   constexpr double kLongestStep = 1e15;           // ns: all steps of a measurement fit into a Time
+  const std::clock_t begun = std::clock();
+  const auto late = [&] { return static_cast<double>(std::clock() - begun) > kPatience * CLOCKS_PER_SEC; };
   bool made = true;
   const auto grows_in = [&](std::int64_t ns) {
     const double ticks = static_cast<double>(ns) / static_cast<double>(tick.ns);
@@ -37,26 +47,27 @@ double stability_border(ExplicitSteps& steps, Time now, Duration tick) {
   bool found = grows_in(tick.ns);
   if (found) {
     for (int i = 0; found; ++i) {
-      if (i == kDoublings || stable == 1) return 0;
+      if (i == kDoublings || stable == 1) return {0, static_cast<double>(tick.ns) / 1e9};
       unstable = std::exchange(stable, stable / 2);
       found = grows_in(stable);
     }
   } else {
     // In small steps, so that no band of unstable steps is left out.
-    for (int i = 1; i <= kPerDoubling * kDoublings && !found; ++i) {
+    for (int i = 1; i <= kPerDoubling * kDoublings && !found && !late(); ++i) {
       const double next = static_cast<double>(tick.ns) * std::exp2(static_cast<double>(i) / kPerDoubling);
       if (next > kLongestStep) break;
       stable = std::exchange(unstable, std::llround(next));
       found = grows_in(unstable);
       if (!made) break;  // a unit discards longer steps
     }
-    if (!found) return std::numeric_limits<double>::infinity();
+    if (!found) return {std::numeric_limits<double>::infinity(), static_cast<double>(made ? unstable : stable) / 1e9};
   }
-  while (static_cast<double>(unstable) > kPrecision * static_cast<double>(stable) && unstable - stable > 1) {
+  const auto precision = [&] { return late() ? kHurriedPrecision : kPrecision; };
+  while (static_cast<double>(unstable) > precision() * static_cast<double>(stable) && unstable - stable > 1) {
     const std::int64_t middle = stable + (unstable - stable) / 2;
     (grows_in(middle) ? unstable : stable) = middle;
   }
-  return static_cast<double>(unstable) / 1e9;
+  return {static_cast<double>(unstable) / 1e9, static_cast<double>(unstable) / 1e9};
 }
 
 }  // namespace
@@ -360,7 +371,9 @@ std::vector<LoopReport> Engine::measure_loops(Time start, std::size_t most_unkno
     loop.gain = measured.solver->loop_gain(start, first_tick());
     if (std::isnan(loop.gain)) continue;
     loop.grows = measure_growth(*measured.steps, start, first_tick(), kFirstTrial).grows;
-    loop.border = stability_border(*measured.steps, start, first_tick());
+    const Border border = stability_border(*measured.steps, start, first_tick());
+    loop.border = border.step;
+    loop.examined = border.examined;
   }
   return result;
 }

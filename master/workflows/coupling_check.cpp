@@ -71,7 +71,7 @@ std::string facts_of(const LoopReport& loop, double tick) {
   if (loop.algebraic) facts += ", its values depend on one another without delay";
   if (loop.border == 0) return facts + ", explicit steps diverge (also in 1/1024 tick)";
   if (std::isfinite(loop.border)) return facts + ", explicit steps diverge above " + duration(loop.border);
-  return facts + ", explicit steps are stable (also in 1024 ticks)";
+  return facts + ", explicit steps are stable (also in " + text::to_text(std::round(loop.examined / tick)) + " ticks)";
 }
 
 Finding judge(const LoopReport& loop, const Scenario& scenario, const std::string& place) {

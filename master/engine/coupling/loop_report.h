@@ -31,9 +31,10 @@ struct LoopReport {
   double solved_from = std::numeric_limits<double>::quiet_NaN();  // s, since when it is solved, if not from the start
   bool unmeasurable = false;                                      // a member has no cheap way back (Unit::goes_back)
   std::size_t unknowns = 0;                                       // elements of its outputs
-  /// s, the step from which on explicit steps let a small deviation grow; 0: also with 1/1024 tick; infinity: not up to 1024 ticks, or not in
-  /// steps that all units make; NaN: not measured. See Engine::measure_loops.
+  /// s, the step from which on explicit steps let a small deviation grow; 0: also with 1/1024 tick; infinity: not up to `examined`;
+  /// NaN: not measured. See Engine::measure_loops.
   double border = std::numeric_limits<double>::quiet_NaN();
+  double examined = 0;         // s, the longest step that was looked at: 1024 ticks, or what all units make in reasonable time
   LoopCounts counts{};         // if solved
   std::string not_restorable;  // the member because of which it cannot be solved; else empty
 
