@@ -137,13 +137,17 @@ void ContactWorld::declare(Variables& v) {
              "the two bodies of each of these points: bodies of the scene from 1, then base and links of each robot; 0: none");
   }
   v.state("world", state_, "1", "poses, twists and the solver's warm start");
+  v.state("unsolved_time", unsolved_time_, "s", "time in which islands were left unsolved");
+  v.state("largest_unsolved", largest_unsolved_, "m/s", "largest residual in that time");
   v.state("h_before", h_before_, "s", "duration of the last step; 0: no step yet");
   v.output("impacts", impacts_, "rounds of impacts with restitution, one after the other");
   v.output("contact_swing", contact_swing_, "1",
            "largest h ω of a loaded soft contact, with its spring and the mobility behind it; above 1 `force` misses peaks");
   v.output("extended", extended_,
            "islands that took more than max_iterations sweeps in the step, up to 50 times as many, or were pivoted");
-  v.output("unsolved", unsolved_, "islands left with a residual above 2 h g, the speed that gravity gives in two steps");
+  v.output(
+      "unsolved", unsolved_,
+      "islands left with a residual above 2 h g, the speed that gravity gives in two steps, at rest above a twentieth of it");
   for (const auto& body : bodies_) {
     if (body->foundation.any()) body->foundation.declare(v, body->prefix);
   }

@@ -8,7 +8,7 @@
 namespace cotwin::drive_train {
 namespace {
 
-constexpr double kNever = -1;       // s
+constexpr double kNever = -1e10;    // s, before any run
 constexpr double kRounding = 1e-9;  // relative to the range between the limits, as for waypoints
 
 double slack(double low, double high) { return std::isfinite(high - low) ? kRounding * (high - low) : 0; }
@@ -25,14 +25,15 @@ void LimitWatch::clear() {
 
 void LimitWatch::look(const double* q, const Parameters& p, double t) {
   for (std::size_t i = 0; i < passed_at.size(); ++i) {
-    if (q[i] > p.q_max[i] && passed_at[i] < 0 && q[i] > p.q_max[i] + slack(p.q_min[i], p.q_max[i])) passed_at[i] = t;
-    if (q[i] < p.q_min[i] && passed_below[i] < 0 && q[i] < p.q_min[i] - slack(p.q_min[i], p.q_max[i])) passed_below[i] = t;
+    if (q[i] > p.q_max[i] && passed_at[i] == kNever && q[i] > p.q_max[i] + slack(p.q_min[i], p.q_max[i])) passed_at[i] = t;
+    if (q[i] < p.q_min[i] && passed_below[i] == kNever && q[i] < p.q_min[i] - slack(p.q_min[i], p.q_max[i]))
+      passed_below[i] = t;
   }
 }
 
 std::size_t LimitWatch::count() const {
   std::size_t count = 0;
-  for (std::size_t i = 0; i < passed_at.size(); ++i) count += passed_at[i] >= 0 || passed_below[i] >= 0 ? 1 : 0;
+  for (std::size_t i = 0; i < passed_at.size(); ++i) count += passed_at[i] > kNever || passed_below[i] > kNever ? 1 : 0;
   return count;
 }
 
@@ -41,7 +42,7 @@ void LimitWatch::describe(const Parameters& p, std::string& text) const {
   double when = 0;
   bool upper = true;
   const auto offer = [&](std::size_t i, double t, bool above) {
-    if (t < 0 || (first < passed_at.size() && t >= when)) return;
+    if (t == kNever || (first < passed_at.size() && t >= when)) return;
     first = i;
     when = t;
     upper = above;

@@ -83,7 +83,7 @@ void DriveTrain::declare(Variables& v) {
   }
   if (equations_.inside() && uses_sundials()) declare_tools();
   if (equations_.inside()) {
-    v.state("passed_at", limits_.passed_at, "s", "time at which each joint first passed its upper limit; -1: never");
+    v.state("passed_at", limits_.passed_at, "s", "time at which each joint first passed its upper limit; -1e10: never");
     v.state("passed_below", limits_.passed_below, "s", "the same of its lower limit");
   }
 }

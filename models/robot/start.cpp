@@ -25,7 +25,8 @@ void check_start(const std::string& place, std::span<const Joint> joints, std::s
     const auto within = [&](double q) { return q >= q_min[i] - slack && q <= q_max[i] + slack; };
     if (within(q0[i]) && std::abs(q0[i]) <= kLargest) continue;
     const std::string si = slides ? " m" : " rad";
-    const std::string expected = within(q0[i]) ? "at most " + number(kLargest) : number(q_min[i]) + " to " + number(q_max[i]);
+    const std::string expected =
+        within(q0[i]) ? "a magnitude of at most " + number(kLargest) : number(q_min[i]) + " to " + number(q_max[i]);
     const bool degrees = !slides && !within(q0[i]) && within(q0[i] * M_PI / 180);
     throw Error(place + ".q0[" + std::to_string(i + 1) + "]", "joint " + joints[i].name + " starts at " + number(q0[i]) + si +
                                                                   ", expected " + expected + si +

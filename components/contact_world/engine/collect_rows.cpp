@@ -87,14 +87,15 @@ void World::Impl::collect_contact(std::size_t t, Stage stage, double h) {
     row.target = -gap / h;
     if (gap <= 0) {
       // The velocity stage removes the velocity of the position stage's correction, limited by the impulse of the whole step.
-      row.target = stage == Stage::kVelocity ? 0 : std::min(kCorrection * std::max(-gap - kSlop, 0.0) / h, kFastestCorrection);
+      row.lift = stage == Stage::kVelocity ? 0 : std::min(kCorrection * std::max(-gap - kSlop, 0.0) / h, kFastestCorrection);
+      row.target = row.lift;
       if (stage == Stage::kVelocity && options.method != Method::kDantzig) row.lo = std::min(0.0, -n.dot(touch.sum));
     }
     // Bodies that approach will bounce at the start of the next step.
     if (touch.restitution > 0 && stage == Stage::kVelocity && normal_velocity(touch) < -kSlow * h * scene.gravity.norm())
       return;
   }
-  if (stage == Stage::kPosition && touch.followed) {  // the laws hold for the middle of the step
+  if (stage == Stage::kPosition && touch.travels_on) {  // the laws hold for the middle of the step
     const Vector3d change = h / 2 * change_along(touch);
     if (touch.stiffness == kInfinity) row.target -= n.dot(change);
     for (int k = 0; k < 2; ++k) row.slide[k] = -row.d.col(k + 1).dot(change);

@@ -115,7 +115,7 @@ double World::Impl::largest_gap() const {
 void World::Impl::account_position_stage(double h) {
   // An upper bound: the force of the whole step is at most twice that of its first half.
   for (const ConeRow& row : rows.cones()) {
-    if (row.target > 0 && row.spring == ConeRow::Spring::kNone) guard.lifted += 2 * row.x[0] * row.target;
+    guard.lifted += 2 * row.x[0] * row.lift;
   }
   if (has_driven) {
     for (const Touch& touch : touches) guard.add_work(driven_work(touch, touch.impact + touch.sum));

@@ -50,7 +50,8 @@ void Rows::reserve_pivoting(std::size_t cones, std::size_t boxes) {
 Rows::Outcome Rows::pivot(int iterations, double tolerance, double rest) {
   Outcome all;
   for (const Island& island : islands_) {
-    const bool few = rows_of(island) <= kRowsOfSmall && !at_rest(island, rest);
+    const std::size_t few_rows = rest > 0 ? kRowsOfSmall : kRowsToPivot;  // impacts and worlds without gravity know no rest
+    const bool few = rows_of(island) <= few_rows && !at_rest(island, rest);
     all.add(few ? pivot(island, iterations, tolerance, rest) : sweep(island, iterations, tolerance, rest, Residual::kNone));
   }
   return all;

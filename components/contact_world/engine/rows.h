@@ -67,6 +67,7 @@ struct ConeRow {
   double swing = 0;             // result: (h ω)²
   double target = 0, softness = 0, mu = 0;
   double slide[2] = {};  // targets of the tangential velocities
+  double lift = 0;       // part of the target that lifts the bodies out of each other
   double lo = 0;         // ≤ 0; Dantzig uses 0
   double x[3] = {}, applied[3] = {};
   int point = 0;  // index of the step's contact

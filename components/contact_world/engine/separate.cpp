@@ -128,6 +128,7 @@ bool World::Impl::move_apart(double h) {
   }
   collision.update(poses, margin, shifted);
   take_points();
+  match(0);
   return true;
 }
 

@@ -17,7 +17,7 @@ constexpr double kResolved = 1e-16, kNegligible = 1e-13;
 /// Energy that accelerated sweeps may add, relative to that which they exchange.
 constexpr double kRoundingGain = 1e-9;
 
-/// Bound of the work along positive targets, relative to that of a contact alone: contacts carry one another.
+/// Bound of the work along targets, relative to that of a contact alone: contacts carry one another.
 constexpr double kShareOfTargets = 4;
 
 /// Islands at rest: most contacts, factors of the number of sweeps in total and before pivots, and residual that ends the additional
@@ -328,7 +328,8 @@ bool Rows::at_rest(const Island& island, double rest) const {
   if (rest == 0 || island.first_cone == island.end_cone || island.first_box < island.end_box) return false;
   for (std::size_t i = island.first_cone; i < island.end_cone; ++i) {
     const Core& core = cores_[i];
-    const double speeds[] = {core.b[0] + core.target, core.b[1], core.b[2]};
+    const double* slide = cones_[core.row].slide;
+    const double speeds[] = {core.b[0] + core.target, core.b[1] + slide[0], core.b[2] + slide[1]};
     for (const double speed : speeds) {
       if (!(std::abs(speed) <= rest)) return false;
     }
@@ -414,6 +415,10 @@ bool Rows::adds_energy(const Island& island) const {
     const Core& core = cores_[i];
     if (core.softness > core.regular) return false;
     if (core.target > 0) allowed += kShareOfTargets * (std::abs(core.b[0]) + core.target) * core.target * core.inverse_nn;
+    const double* slide = cones_[core.row].slide;
+    const double across = std::abs(slide[0]) + std::abs(slide[1]);
+    allowed +=
+        kShareOfTargets * (std::abs(core.b[1]) + std::abs(core.b[2]) + across) * across * (core.inverse_11 + core.inverse_22);
   }
   for (std::size_t s = island.first_slice; s < island.end_slice; ++s) {
     const int which = island_slices_[s];

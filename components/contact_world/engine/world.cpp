@@ -29,7 +29,7 @@ std::vector<Joint> joints_of(const scene::Scene& scene, std::span<const RigidBod
 }
 
 constexpr std::size_t kHeader = 3 + Guard::kNumbers, kNumbersPerBody = 16, kNumbersPerJoint = 5 + kJointRows,
-                      kNumbersPerNode = 18, kNumbersPerTouch = 19;
+                      kNumbersPerNode = 18, kNumbersPerTouch = 20;
 
 }  // namespace
 
@@ -292,7 +292,7 @@ void World::save(std::vector<double>& state) const {
     put_all(w.touches[t].impulse);
     put_all(w.touches[t].travel_a);
     put_all(w.touches[t].travel_b);
-    put(w.touches[t].followed);
+    put(w.touches[t].has_travel, w.touches[t].travels_on);
   }
   std::fill(to, state.data() + state.size(), 0.0);
 }
@@ -413,7 +413,8 @@ void World::restore(std::span<const double> state) {
     get_all(touch.impulse);
     get_all(touch.travel_a);
     get_all(touch.travel_b);
-    touch.followed = get() != 0;
+    touch.has_travel = get() != 0;
+    touch.travels_on = get() != 0;
   }
   w.points.clear();
   w.forces.clear();

@@ -72,10 +72,11 @@ struct World::Impl {
     double push = 0, share = 0;                // soft: spring's impulse in the velocity stage, N.s; of SoftContact
     bool conserves = false;                    // soft: of SoftContact, in this step
     bool matched = false;                      // with a point of the other list
-    bool followed = false;                     // the following is known
+    bool has_travel = false;                   // the next two are known
     Vector3d travel_a =
-        Vector3d::Zero();  // velocity of the point, which may move along both surfaces, against the centres of mass,
-    Vector3d travel_b = Vector3d::Zero();  // over the last step, m/s
+        Vector3d::Zero();  // m/s; of the point against a's centre of mass over the last step: it may move along the surface
+    Vector3d travel_b = Vector3d::Zero();  // m/s; against b's
+    bool travels_on = false;               // it travelled likewise in the step before, so that it will in the next one
     bool distant = false;                  // of a fast body that does not touch yet: without effect in this step
     bool too_deep = false;                 // for separate()
     ImpactRole role = ImpactRole::kNone;
@@ -183,6 +184,7 @@ struct World::Impl {
   bool move_apart(double h);
   void set_margin(double h);
   void match(double drifted);
+  void follow(Touch& touch, const Touch& before, double drifted) const;
   Vector3d change_along(const Touch& touch) const;
   void set_friction(Touch& touch, const scene::Material& a, const scene::Material& b) const;
   double normal_velocity(const Touch& touch) const;

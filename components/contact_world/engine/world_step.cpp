@@ -65,7 +65,7 @@ void World::Impl::step(double h) {
   account_position_stage(h);
   drift(h);
   for (Forest::Tree& tree : forest.trees()) tree.loops.advance();
-  refresh(h, advance.any() ? 0 : h);
+  refresh(h, h);
   yield(h);
   begin_inertias();
   apply_lost_springs();  // reads the points before those of separate()
@@ -121,7 +121,10 @@ void World::Impl::publish(double h) {
   for (std::size_t t = 0; t < touches.size(); ++t) {
     points.push_back(touches[t].point);
     forces.push_back((touches[t].impact + touches[t].sum) / h);
-    if (t >= options.contacts) touches[t].impulse.setZero();
+    if (t >= options.contacts) {  // not part of the state
+      touches[t].impulse.setZero();
+      touches[t].has_travel = touches[t].travels_on = false;
+    }
   }
 }
 
@@ -178,6 +181,28 @@ void World::Impl::take_points() {
 
 // Matches the points of two steps; both lists are sorted by pair. Points with equal features are the same; if features swap, as
 // for aligned faces, the nearest unmatched point is taken.
+/// Measures how the point travels, or keeps what is known if nothing has moved. A point whose features mean another place than before jumps.
+void World::Impl::follow(Touch& touch, const Touch& before, double drifted) const {
+  constexpr double kSame = 0.25;  // of the travel, the largest change in a step
+  const auto fast = [&](int body) { return advance.any() && advance.is_fast(index(body)); };
+  if (drifted == 0) {
+    touch.has_travel = before.has_travel;
+    touch.travel_a = before.travel_a;
+    touch.travel_b = before.travel_b;
+    touch.travels_on = before.travels_on;
+    return;
+  }
+  if (fast(touch.point.body_a) || fast(touch.point.body_b)) return;
+  const Vector3d travel = (touch.point.p_W - before.point.p_W) / drifted;
+  touch.has_travel = true;
+  touch.travel_a = travel - bodies[index(touch.point.body_a)].v;
+  touch.travel_b = travel - bodies[index(touch.point.body_b)].v;
+  const auto alike = [&](const Vector3d& now, const Vector3d& then) {
+    return (now - then).norm() <= kSame * now.norm() + rest;
+  };
+  touch.travels_on = before.has_travel && alike(touch.travel_a, before.travel_a) && alike(touch.travel_b, before.travel_b);
+}
+
 void World::Impl::match(double drifted) {
   const auto pair = [](const Touch& t) {
     return std::make_tuple(t.point.body_a, t.point.body_b, t.point.shape_a, t.point.shape_b);
@@ -192,16 +217,7 @@ void World::Impl::match(double drifted) {
     touch.gap_before = before.gap;
     touch.gain = before.gain;
     touch.matched = before.matched = true;
-    if (drifted > 0 && touch.point.id == before.point.id) {
-      const Vector3d travel = (touch.point.p_W - before.point.p_W) / drifted;
-      touch.travel_a = travel - bodies[index(touch.point.body_a)].v;
-      touch.travel_b = travel - bodies[index(touch.point.body_b)].v;
-      touch.followed = true;
-    } else if (restored) {
-      touch.travel_a = before.travel_a;
-      touch.travel_b = before.travel_b;
-      touch.followed = before.followed;
-    }
+    if (touch.point.id == before.point.id) follow(touch, before, drifted);
   };
   for (Touch& before : touches_before) before.matched = false;
   std::size_t begin = 0, first = 0;
@@ -378,7 +394,7 @@ void World::Impl::solve_rows() {
     status.residual = round == 0 ? std::max(status.residual, outcome.residual) : outcome.residual;
     status.degenerate = std::max(status.degenerate, outcome.degenerate);
     status.extended = std::max(status.extended, outcome.extended);
-    status.unsolved = std::max(status.unsolved, outcome.unsolved);
+    status.unsolved = round == 0 ? std::max(status.unsolved, outcome.unsolved) : outcome.unsolved;
     rows.apply(bodies, forest);
     const bool moved = solve_trees(), curved = linearise_springs();
     if (!moved && !curved) break;

@@ -149,7 +149,8 @@ class Document {
         }
         case scene::ShapeType::kTriangle:
         case scene::ShapeType::kEllipsoid:
-          throw Error("shape " + shape.name, "is a triangle or an ellipsoid, which no compared scene has");
+        case scene::ShapeType::kHeightmap:
+          throw Error("shape " + shape.name, "is a triangle, an ellipsoid or a heightmap, which no compared scene has");
       }
       text += "/>";
     }

@@ -186,6 +186,30 @@ TEST_P(PublicTest, StackOfTenLoadsAllItsCornersAndIsSolvedFromTheLastStep) {
   }
 }
 
+TEST_P(PublicTest, ABoxPressesOnTheGroundWithItsWeightWhileOthersAreMovedApart) {
+  // Fast steps in a pile end in depths that are corrected at once, which must not touch what happens elsewhere.
+  Options options;
+  options.method = GetParam();
+  options.contacts = 1024;
+  scene::Scene scene = testing::pile(40, 1);
+  scene.bodies.push_back(testing::box("beside", {0.2, 0.2, 0.2}, 2, {20, 0, 0.1}, 0.5));
+  const auto beside = static_cast<int>(scene.bodies.size()) - 1;
+  World w(scene, options);
+  int deep = 0;
+  for (int k = 0; k < 400; ++k) {
+    w.step(2e-3);
+    double force = 0;
+    for (std::size_t c = 0; c < w.contacts().size(); ++c) {
+      deep += w.contacts()[c].gap < -1e-4;
+      if (w.contacts()[c].body_b == beside) force += w.forces()[c].z();
+    }
+    if (k > 5) {
+      ASSERT_NEAR(force, 2 * kGravity, 0.01 * 2 * kGravity) << k;
+    }
+  }
+  EXPECT_GT(deep, 10);
+}
+
 TEST_P(PublicTest, MotorsHoldTheArmBesideAStack) {
   const std::array<double, 7> start{0.3, -0.9, 0.4, 1.2, -0.5, 0.8, 0.2};
   scene::Scene scene = testing::arm(start);

@@ -269,8 +269,10 @@ bool Collision::ignores(int body_a, int body_b) const {
 }
 std::span<const ContactPoint> Collision::points() const { return impl_->points; }
 void Collision::reserve(std::size_t points) {
-  impl_->terrain.reserve(0, points);
-  impl_->touches.reserve(points);
+  const bool ground = std::ranges::any_of(impl_->pieces, [](const Piece& p) { return p.convex.core == Core::kHeights; });
+  const std::size_t of_pair = ground ? Terrain::kColumns * points : points;
+  impl_->terrain.reserve(0, of_pair);
+  impl_->touches.reserve(of_pair);
   for (auto* list : {&impl_->points, &impl_->points_before}) list->reserve(points);
   for (auto* list : {&impl_->candidates, &impl_->candidates_before}) list->reserve(points);
   for (auto* list : {&impl_->ends, &impl_->ends_before}) list->reserve(points);

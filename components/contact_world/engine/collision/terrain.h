@@ -43,6 +43,9 @@ Convex make_column();
 /// Contacts of height fields: those of each column that is near, as of the triangles of a mesh.
 class Terrain {
  public:
+  /// Points of all columns under a body, of which find() leaves few, per point that a step may have.
+  static constexpr std::size_t kColumns = 16;
+
   Terrain() : column_(make_column()) {}
   /// Allocates for faces of up to this number of corners, and for this number of points of one pair.
   void reserve(std::size_t corners, std::size_t points);
