@@ -451,10 +451,8 @@ void ContactWorld::write_outputs(double h) {
   degenerate_ = status.degenerate;
   extended_ = status.extended;
   unsolved_ = status.unsolved;
-  if (unsolved_ > 0) {
-    unsolved_time_ += h;
-    largest_unsolved_ = std::max(largest_unsolved_, residual_);
-  }
+  if (unsolved_ > 0) unsolved_time_ += h;
+  if (unsolved_ > 0) largest_unsolved_ = std::max(largest_unsolved_, residual_);
   grown_ = static_cast<std::int32_t>(status.grown);
   impacts_ = status.impacts;
   contact_swing_ = status.swing;
