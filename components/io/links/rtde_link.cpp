@@ -253,7 +253,11 @@ bool RtdeLink::take_all(Time now, Measured& measured) {
       read = true;
       heard_ = now.ns;
       // The clock may have waited until a new connection had data.
-      if (line_.set_ups() != set_ups_ && connected_) note_loss(measured);
+      if (line_.set_ups() != set_ups_) {
+        if (connected_) note_loss(measured);
+        registers_sent_ = {};
+        registers_int_sent_ = {};
+      }
       set_ups_ = line_.set_ups();
       measure(measured);
     }
@@ -438,8 +442,6 @@ void RtdeLink::note_loss(Measured& measured) {
   connected_ = following_ = false;
   state_ = 0;
   t_sent_ = t_commanded_ = -1;
-  registers_sent_ = {};
-  registers_int_sent_ = {};
   std::ranges::fill(measured.dq, 0);
   std::ranges::fill(measured.ddq, 0);
   std::ranges::fill(measured.tau_e, 0);

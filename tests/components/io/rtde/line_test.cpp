@@ -266,7 +266,9 @@ TEST(RtdeLink, ALossARestartOrAJumpIsFollowedByNothingUntilItIsAcknowledged) {
 }
 
 TEST(RtdeLink, OutputsAndRegistersStayUntilTheLossIsAcknowledged) {
-  for (const bool hangs_up : {false, true}) {
+  for (const std::string event : {"jump", "silent", "hangs up"}) {
+    SCOPED_TRACE(event);
+    const bool hangs_up = event == "hangs up";
     Beside s;
     s.twin.set("registers", "true");
     s.twin.set("digital_mask", "3");
@@ -282,6 +284,10 @@ TEST(RtdeLink, OutputsAndRegistersStayUntilTheLossIsAcknowledged) {
     if (hangs_up) {
       s.robot.hang_up();
       ASSERT_TRUE(s.until([&] { return s.twin.integer("connections") == 2; }));
+    } else if (event == "silent") {  // for the twin's time only, so that the connection stays
+      s.n += 20000;
+      s.step();
+      ASSERT_EQ(s.twin.integer("losses"), 1);
     } else {
       s.robot.q[0] += 0.3;
     }
@@ -289,6 +295,7 @@ TEST(RtdeLink, OutputsAndRegistersStayUntilTheLossIsAcknowledged) {
     s.twin.reals("double_command")[20] = 0.75;
     s.twin.instance.variables.at("int_command").integers()[20] = 7;
     s.periods(5);
+    EXPECT_EQ(s.twin.integer("connections"), hangs_up ? 2 : 1);
     EXPECT_EQ(s.robot.controller.at("standard_digital_output_mask"), 0);
     EXPECT_EQ(s.robot.controller.at("input_double_register_44"), hangs_up ? 0 : 0.5);
     EXPECT_EQ(s.robot.controller.at("input_int_register_44"), hangs_up ? 0 : 5);
