@@ -105,6 +105,7 @@ void ArrivalClock::start(Time now) {
   reached_ = now;
   any_ = false;
   followed_ = 0;
+  owed_ = 0;
 }
 
 /// Whether the tick begins a cycle that has not come yet.
@@ -142,26 +143,43 @@ bool ArrivalClock::wait(Time now) {
   return true;
 }
 
-/// The number of cycles from the anchor to the packet; 0 for one that comes twice.
-std::int64_t ArrivalClock::cycles_since(const Arrival& arrival, double& offset) const {
+/// The number of cycles from the anchor to the packet; 0 for one that comes twice, or whose cycle has been counted.
+std::int64_t ArrivalClock::cycles_since(const Arrival& arrival, double& offset) {
+  constexpr double kMost = 1e9;
   const auto cycle = static_cast<double>(cycle_);
   const double passed = (static_cast<double>(arrival.host) - grid_) / cycle;
   double cycles = std::round(passed);
   if (arrival.source != 0 && source_time_ != 0) {
     const double counted = std::round((static_cast<double>(arrival.source) - static_cast<double>(source_time_)) / cycle);
     if (counted <= 0 && counted > -kReordered) return 0;
+    // After a pause a source goes on in its cycles; one whose packets were only held up sends those that are overdue faster.
+    constexpr int kCaughtUp = 16;
+    if (++punctual_ > kCaughtUp) owed_ = 0;
+    if (counted > 0 && counted <= owed_ && passed < 0.5) {
+      owed_ -= counted;
+      punctual_ = 0;
+      source_time_ = arrival.source;
+      return 0;
+    }
     // The next packet is one cycle later, however slow or fast the source is. With `wait`, scenario time follows the source through
     // losses, too; more cycles than can be lost in a row are those of a source that has begun anew, with this packet.
     constexpr double kMostLost = 256;
     const bool waits = spec_.silence == SilencePolicy::kWait, follows = counted > 0 && counted <= kMostLost;
     if (counted == 1 || (waits && follows) || (counted < passed + 1.5 && counted > passed - 1.5)) cycles = counted;
     if (waits && !follows) cycles = 1;
-    // The source stood still, and its clock with it, while ticks went on.
+    // The source stood still, and perhaps its clock with it, while ticks went on.
     constexpr double kPause = 8;
     const double since = (static_cast<double>(arrival.host) - static_cast<double>(anchor_)) / cycle;
     if (!waits && counted == 1 && since > kPause) cycles = std::round(since);
+    if (!waits && counted > 0 && cycles - counted > 1) {
+      owed_ += cycles - counted;
+      punctual_ = 0;
+      grid_ = static_cast<double>(arrival.host) - cycle * cycles;  // the source may be at another phase
+      offset = 0;
+      return static_cast<std::int64_t>(std::min(cycles, kMost));
+    }
   }
-  cycles = std::clamp(cycles, 0.0, 1e9);
+  cycles = std::clamp(cycles, 0.0, kMost);
   offset = cycle * (passed - cycles);
   return static_cast<std::int64_t>(cycles);
 }
@@ -183,7 +201,8 @@ void ArrivalClock::accept(const Arrival& arrival, Time now) {
   } else {
     if (cycles == 0) return;  // it came twice, or after a younger one
     reached_ = reached_ + Duration{cycles * cycle_};
-    grid_ += static_cast<double>(cycles * cycle_) + kSmoothing * offset;
+    // Packets of a source that catches up tell nothing of its phase.
+    grid_ += static_cast<double>(cycles * cycle_) + (owed_ > 0 ? 0 : kSmoothing * offset);
     ++followed_;
     const double weight = 1 / std::min(kAveraged, static_cast<double>(followed_ - 1));
     mean_ += weight * (offset - mean_);

@@ -146,7 +146,7 @@ class ArrivalClock final : public SourceClock {
   std::int64_t due(Time now) const { return anchor_ + (now.ns - reached_.ns); }
   bool needs_packet(Time now) const;
   void accept(const Arrival& arrival, Time now);
-  std::int64_t cycles_since(const Arrival& arrival, double& offset) const;
+  std::int64_t cycles_since(const Arrival& arrival, double& offset);
 
   std::int64_t start_ = 0;   // host time
   bool any_ = false;         // there was a packet, or the wall clock stands in for it
@@ -154,6 +154,8 @@ class ArrivalClock final : public SourceClock {
   Time reached_;
   double grid_ = 0;               // anchor_ without jitter
   std::int64_t source_time_ = 0;  // of the last packet
+  double owed_ = 0;               // cycles that were counted by the host's clock and whose packets may still come
+  int punctual_ = 0;              // packets since the last of these
   double mean_ = 0, square_ = 0;  // of the offset
   std::int64_t followed_ = 0;     // packets since the source was silent
 };

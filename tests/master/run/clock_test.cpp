@@ -307,6 +307,35 @@ TEST_F(ClockedRun, ASourceThatPausedIsFollowedAtOnce) {
   }
 }
 
+// A program that was kept from running for a while and then sends what is overdue at once: no cycle is counted twice. What they do not make up
+// for was a pause.
+TEST_F(ClockedRun, ASourceThatCatchesUpIsNotCountedTwice) {
+  for (const std::int64_t stall : {10, 20, 60, 300}) {  // cycles
+    for (const std::int64_t apart : {50 * kUs, 100 * kUs, 300 * kUs}) {
+      for (const std::string kind : {"late", "late and paused", "late and lost"}) {
+        SCOPED_TRACE(std::to_string(stall) + " cycles " + kind + ", then every " + std::to_string(apart) + " ns");
+        World fresh;
+        Build b;
+        b.unit("busy", "busy").unit("io", "connected").until(3);
+        b.scenario.clock = {.kind = ClockKind::kArrivals};
+        std::int64_t last = 0;
+        for (int i = 0; i < 3100; ++i) {
+          if (kind == "late and lost" && i >= 500 && i < 505) continue;
+          const std::int64_t pause = kind == "late and paused" && i >= 500 ? 5 * kMs : 0;
+          last = std::max({(i + 1) * kMs + pause, i < 500 ? 0 : (500 + stall) * kMs, last + apart});
+          fresh.source.send(fresh.begin + last, kEpoch + i * kMs);
+        }
+        Master master = load(fresh, b);
+        const Summary s = run(master);
+        ASSERT_EQ(fresh.steps.size(), 3000u);
+        for (std::size_t i = 1; i < 3000; ++i) ASSERT_LE(fresh.steps[i].host - fresh.steps[i - 1].host, 3 * kMs) << i;
+        EXPECT_NEAR(static_cast<double>(fresh.steps[2999].host), 3000e6, 1e6);
+        EXPECT_TRUE(s.clock.state.locked);
+      }
+    }
+  }
+}
+
 TEST_F(ClockedRun, ASilentSourceStopsTheRunOrPausesItIfTheScenarioSaysSo) {
   for (const ClockKind kind : {ClockKind::kArrivals, ClockKind::kLocked}) {
     World fresh;
