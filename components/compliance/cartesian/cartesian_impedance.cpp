@@ -117,13 +117,19 @@ void CartesianMotion::impede(Links& links, const FromJoints& in, const robot::Dr
   if (impedance_->stiffness_ratio > ImpedanceControl::kSwinging) note(kSwings);
   if (impedance_->static_error > kSolved) note(kStatics);
   write_outputs(links, {X.p, Q, impedance_->V});
-  if (h > checked_step_) check_sampling(links, frame, null_space, drives, shaping, h);
+  if (needs_check(h)) check_sampling(links, frame, null_space, drives, shaping, h);
 }
 
-/// Once at the start, and where a step is longer than those before.
+/// Whether the robot may vibrate with a step of h in spite of the last check. A step that is a little longer than that of the check, as of a loop that
+/// was late, is not worth the time.
+bool CartesianMotion::needs_check(double h) const { return checked_step_ > 0 ? h >= 2 * checked_step_ : h > 0; }
+
+/// Borders, which take much longer than the check, are sought only in the first step.
 void CartesianMotion::check_sampling(Links& links, const ElasticFrame& frame, const ElasticPosture& posture,
                                      const robot::DriveParameters& drives, const Joints& shaping, double h) {
+  if ((met_ & kSampling) != 0) return;               // it is told with its borders, which are those of that step
   const double ratio = impedance_->stiffness_ratio;  // an output, which linearise() changes
+  const bool first = checked_step_ == 0;
   checked_step_ = sampled_.step = h;
   const auto stable = [&](double of_delay, double of_shaping, double of_stiffness) {
     ElasticFrame changed = frame;
@@ -136,11 +142,13 @@ void CartesianMotion::check_sampling(Links& links, const ElasticFrame& frame, co
   };
   if (!stable(1, 1, 1)) {
     gears_undamped_ = (sampled_.K.array() > 0 && sampled_.D.array() == 0).any() ? 1 : 0;
-    const double most = *std::ranges::max_element(shaping);
-    delay_border_ = delay_ > 0 ? delay_ * stable_share([&](double share) { return stable(share, 1, 1); }) : 0;
-    const double share = most > 1 ? stable_share([&](double part) { return stable(1, part, 1); }) : 0;
-    shaping_border_ = share > 0 ? 1 + share * (most - 1) : 0;
-    stiffness_border_ = stable_share([&](double part) { return stable(1, 1, part); });
+    if (first) {
+      const double most = *std::ranges::max_element(shaping);
+      delay_border_ = delay_ > 0 ? delay_ * stable_share([&](double share) { return stable(share, 1, 1); }) : 0;
+      const double share = most > 1 ? stable_share([&](double part) { return stable(1, part, 1); }) : 0;
+      shaping_border_ = share > 0 ? 1 + share * (most - 1) : 0;
+      stiffness_border_ = stable_share([&](double part) { return stable(1, 1, part); });
+    }
     note(kSampling);
   }
   impedance_->stiffness_ratio = ratio;
@@ -199,7 +207,7 @@ void CartesianMotion::find_contact_stiffness(Links& links, const robot::DrivePar
     }
     following_.step = h;
     following_.delay = delay_;
-    if (h > checked_step_) check_following(drives, h);
+    if (needs_check(h)) check_following(drives, h);
     if (!contact_.advance(following_)) return;
     contact_turn_ = std::max(contact_turn_, kPause);
     if (follower_vibrates_ != 0) check_following(drives, h);  // gains may have been changed

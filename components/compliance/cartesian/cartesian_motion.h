@@ -111,6 +111,7 @@ class CartesianMotion {
                      const Wrench& F_mean, double h);
   void hold_frame_at_joints(Links& links, const Motion& d, Motion& c);
   void note(Met what);
+  bool needs_check(double h) const;
   void check_sampling(Links& links, const ElasticFrame& frame, const ElasticPosture& posture,
                       const robot::DriveParameters& drives, const Joints& shaping, double h);
   void append_sampling(std::string& warning) const;

@@ -143,19 +143,41 @@ TEST(ImpedanceSampling, IsStableBelowTheBordersThatAreTold) {
   EXPECT_GT(stiffnesses, 0);
 }
 
-TEST(ImpedanceSampling, IsCheckedInTheFirstStepAndInALongerOneWithoutAllocation) {
+/// A design that vibrates with 4 ms, but not with 0.6 ms, in its first step.
+Design at_rest() {
   Design design(2, 5, 10);
-  desire(design.unit, Kinematics("ur10e").at(VectorXd::Constant(6, 0.7)));
-  design.unit["q"] = design.unit["theta"] = VectorXd::Constant(6, 0.7);
+  const VectorXd q = VectorXd::Constant(6, 0.7);
+  desire(design.unit, Kinematics("ur10e").at(q));
+  design.unit["q"] = design.unit["theta"] = q;
+  design.unit["delay"][0] = 0;
+  design.unit["shaping"].setOnes();
   design.unit.initialise();
+  return design;
+}
+
+TEST(ImpedanceSampling, IsCheckedInTheFirstStepAndOncePerDoublingOfTheStepWithoutAllocation) {
+  Design design = at_rest();
   EXPECT_EQ(design.unit.value("checked_step"), 0);
-  for (const double h : {1e-4, 5e-5, 1e-3, 4e-3}) {
+  const double steps[] = {1e-4, 5e-5, 1.9e-4, 3e-4, 5.9e-4, 4e-3, 3e-2},
+               checked[] = {1e-4, 1e-4, 1e-4, 3e-4, 3e-4, 4e-3, 4e-3};  // more than the step that vibrates is not looked for
+  for (std::size_t k = 0; k < std::size(steps); ++k) {
     const auto before = allocations();
-    design.unit.step(Duration{std::lround(1e9 * h)});
-    EXPECT_EQ(allocations() - before, 0u) << h;
-    EXPECT_EQ(design.unit.value("checked_step"), std::max(h, 1e-4));
+    design.unit.step(Duration{std::lround(1e9 * steps[k])});
+    EXPECT_EQ(allocations() - before, 0u) << steps[k];
+    EXPECT_EQ(design.unit.value("checked_step"), checked[k]) << steps[k];
+    EXPECT_EQ(design.told(), steps[k] >= 4e-3) << steps[k];
   }
-  EXPECT_TRUE(design.told());
+}
+
+// The search takes tens of milliseconds: a controller that runs must not make it.
+TEST(ImpedanceSampling, BordersAreSoughtOnlyInTheFirstStep) {
+  for (const double first : {1e-4, 4e-3}) {
+    Design design = at_rest();
+    for (const double h : {first, 4e-3, 8e-3}) design.unit.step(Duration{std::lround(1e9 * h)});
+    EXPECT_TRUE(design.told());
+    EXPECT_EQ(design.unit.value("checked_step"), 4e-3);
+    EXPECT_EQ(design.unit.value("stiffness_border") > 0, first == 4e-3) << design.unit.warning();
+  }
 }
 
 // ----- The loop alone.
