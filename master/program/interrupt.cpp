@@ -86,6 +86,8 @@ const char* name_of_signal(int signal) {
       return "SIGHUP";
     case SIGXCPU:
       return "SIGXCPU";
+    case SIGQUIT:
+      return "SIGQUIT";
     default:
       return "a signal";
   }

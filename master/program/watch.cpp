@@ -5,13 +5,17 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <atomic>
 #include <cerrno>
+#include <chrono>
 #include <cstdio>
 #include <cstring>
 #include <fstream>
 #include <iostream>
+#include <thread>
+#include <vector>
 
 #include "fmu/archive/archive.h"
 #include "fmu/import/watched_calls.h"
@@ -29,6 +33,7 @@ constexpr std::array kPassedOn = {SIGINT, SIGTERM, SIGHUP, SIGXCPU, SIGQUIT, SIG
 
 constexpr unsigned kFirstReport = 5, kReports = 30;  // s: when a long initialisation is reported, and again
 constexpr unsigned kPatience = 2;                    // s: until an initialisation that does not obey a stop signal is killed
+constexpr int kAttempts = 2000;                      // ms: to kill what a run leaves; a process may hang in the system
 
 std::atomic<pid_t> watched{0};
 std::atomic<bool> alarmed{false};
@@ -65,13 +70,25 @@ void watch_signals() {
     sigaction(number, &action, nullptr);
   }
   struct sigaction alarms = {};
-  alarms.sa_handler = [](int) { alarmed = true; };
+  alarms.sa_handler = [](int) {
+    alarmed = true;
+    alarm(1);  // once more, in case waitpid has not begun yet
+  };
   sigaction(SIGALRM, &alarms, nullptr);  // interrupts waitpid
+}
+
+/// The next alarm, sooner after a stop signal, whose own alarm this would replace.
+void set_alarm(unsigned seconds) {
+  alarm(seconds);
+  if (stopped_by != 0) alarm(kPatience);
 }
 
 /// At an alarm, while the child initialises: kills it if it does not obey a stop signal, or says where it is.
 void look_after(pid_t child, const WatchedCalls& calls, unsigned& seconds) {
-  if (!calls.initialising) return;
+  if (!calls.initialising) {
+    alarm(0);
+    return;
+  }
   if (stopped_by != 0) {
     kill(child, SIGKILL);
     return;
@@ -79,33 +96,48 @@ void look_after(pid_t child, const WatchedCalls& calls, unsigned& seconds) {
   const std::string where = calls.last_calls();
   std::cerr << "cotwin: initialising for " << seconds << " s" << (where.empty() ? "" : ", now " + where) << '\n';
   seconds += kReports;
-  alarm(kReports);
+  set_alarm(kReports);
 }
 
-int wait_for(pid_t child, const WatchedCalls& calls, bool quiet) {
+/// Adds the children of a process and theirs. A process without such a list in /proc has none.
+void add_descendants(pid_t process, std::vector<pid_t>& all) {
+  std::ifstream children("/proc/" + std::to_string(process) + "/task/" + std::to_string(process) + "/children");
+  for (pid_t child = 0; children >> child;) {
+    all.push_back(child);
+    add_descendants(child, all);
+  }
+}
+
+/// Waits for the end of the run's process. Returns its status, or nothing if the system does not tell it. `earlier`: see
+/// kill_children(); those that end are removed, for their numbers may be given to others.
+std::optional<int> wait_for(pid_t child, const WatchedCalls& calls, bool quiet, std::vector<pid_t>& earlier) {
   unsigned seconds = kFirstReport;
-  if (!quiet) alarm(kFirstReport);
+  if (!quiet) set_alarm(kFirstReport);
   for (;;) {
     int status = 0;
     const pid_t ended = waitpid(-1, &status, 0);  // also orphans that the run has left to this process
     if (ended == child) return status;
-    if (ended < 0 && errno != EINTR) return 0;
-    if (ended < 0 && alarmed.exchange(false)) look_after(child, calls, seconds);
+    if (ended < 0 && errno != EINTR) return std::nullopt;
+    if (ended > 0) std::erase(earlier, ended);
+    if (alarmed.exchange(false)) look_after(child, calls, seconds);
   }
 }
 
-/// Kills the children of this process, and theirs, which become its own.
-void kill_children() {
+/// Kills the children of this process, and theirs, which become its own, except those that were there before the run: the
+/// shell that became this program may have started them (cotwin run … > >(tee log)).
+void kill_children(const std::vector<pid_t>& earlier) {
   const std::string list = "/proc/self/task/" + std::to_string(getpid()) + "/children";
-  for (;;) {
+  for (int attempt = 0; attempt < kAttempts; ++attempt) {
     std::ifstream children(list);
-    pid_t child = 0;
-    if (!(children >> child)) return;
-    do {
+    bool left = false;
+    for (pid_t child = 0; children >> child;) {
+      if (std::ranges::find(earlier, child) != earlier.end()) continue;
+      left = true;
       kill(child, SIGKILL);
-    } while (children >> child);
-    while (waitpid(-1, nullptr, 0) > 0 || errno == EINTR) {
+      waitpid(child, nullptr, WNOHANG);
     }
+    if (!left) return;
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
   }
 }
 
@@ -119,10 +151,13 @@ struct Ending {
   int code;
   std::string how;
 };
-Ending ending_of(int status, WatchedCalls::End end) {
+Ending ending_of(std::optional<int> ended, WatchedCalls::End end) {
+  if (!ended) return {kFailed, "the process of the run ended, and the system does not tell how"};
+  const int status = *ended;
   if (WIFSIGNALED(status)) {
     const int number = WTERMSIG(status);
-    if (is_stop_signal(number)) return {kEndedBySignal + number, std::string("ended by a second ") + name_of_signal(number)};
+    const std::string which = number == SIGQUIT ? "" : "a second ";  // the process notes the first one of all others itself
+    if (is_stop_signal(number)) return {kEndedBySignal + number, "ended by " + which + name_of_signal(number)};
     return {kFailed, end == WatchedCalls::End::kReported ? "" : "the process of the run was killed by " + name_of(number)};
   }
   if (end != WatchedCalls::End::kUnexpected) return {WEXITSTATUS(status), ""};
@@ -136,7 +171,11 @@ std::optional<int> watch_run(const WatchOptions& options) {
   if (calls == nullptr) return std::nullopt;
   std::cout.flush();
   std::fflush(nullptr);
-  const pid_t parent = getpid(), child = fork();
+  std::signal(SIGCHLD, SIG_DFL);  // if it is ignored, no status can be waited for, here and of the processes of FMUs
+  const pid_t parent = getpid();
+  std::vector<pid_t> earlier;
+  add_descendants(parent, earlier);
+  const pid_t child = fork();
   if (child < 0) return std::nullopt;
   if (child == 0) {
     prctl(PR_SET_PDEATHSIG, SIGKILL);  // set by the main thread of the parent, which lives as long as the parent
@@ -148,12 +187,13 @@ std::optional<int> watch_run(const WatchOptions& options) {
   watched = child;
   watch_signals();
   if (options.ends_children) prctl(PR_SET_CHILD_SUBREAPER, 1);
-  const int status = wait_for(child, *calls, options.quiet);
+  const std::optional<int> status = wait_for(child, *calls, options.quiet, earlier);
   watched = 0;
-  if (options.ends_children) kill_children();
-  fmu::remove_temporary_folders(child);
   alarm(0);
-  const int stopped = calls->initialising && WIFSIGNALED(status) && WTERMSIG(status) == SIGKILL ? stopped_by.load() : 0;
+  if (options.ends_children) kill_children(earlier);
+  fmu::remove_temporary_folders(child);
+  const bool killed = status && WIFSIGNALED(*status) && WTERMSIG(*status) == SIGKILL;
+  const int stopped = calls->initialising && killed ? stopped_by.load() : 0;
   if (stopped != 0) {
     const std::string where = calls->last_calls();
     std::cerr << "cotwin: " << name_of_signal(stopped) << " while loading and initialising"

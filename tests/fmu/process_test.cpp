@@ -329,7 +329,9 @@ TEST_F(HarmfulFmu, EndsWithAllProcessesThatItHasStarted) {
       instance.unit->initialise({});
       if (harm == "daemon") {
         EXPECT_EQ(run(instance, 0, 1, 0.1), StepResult::kDone);
-        while (processes_with_fmus() != 2) std::this_thread::sleep_for(std::chrono::milliseconds(2));  // it is being started
+        for (int i = 0; i < 5000 && processes_with_fmus() != 2; ++i)  // it is being started
+          std::this_thread::sleep_for(std::chrono::milliseconds(2));
+        ASSERT_EQ(processes_with_fmus(), 2u);
       } else {
         EXPECT_THROW((void)run(instance, 0, 1, 0.1), Error);
       }

@@ -14,6 +14,7 @@
 
 #include "tests/fmu/foreign.h"
 #include "tests/support/files.h"
+#include "tests/support/places.h"
 #include "tests/support/run_program.h"
 
 namespace cotwin::master {
@@ -187,6 +188,25 @@ TEST_F(HarmfulFmu, EndsWithAllProcessesThatItHasStarted) {
   }
 }
 
+// A shell that is replaced by the program leaves its children to it: cotwin run plant.ssd > >(tee log).
+TEST_F(HarmfulFmu, DoesNotEndProcessesThatWereThereBeforeTheRun) {
+  scenario("shared", "");
+  const std::string script =
+      "exec > >(cat; sleep 0.2; echo survived > survived); exec " + places::program() + " run plant.ssd --quiet";
+  EXPECT_EQ(testing::run_command({"bash", "-c", script}, {.folder = folder_, .limit = std::chrono::seconds(60)}).code, 0);
+  for (int i = 0; i < 2000 && !fs::exists(folder_ / "survived"); ++i) std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  EXPECT_TRUE(fs::exists(folder_ / "survived"));
+}
+
+TEST_F(HarmfulFmu, EndsARunThatWasStartedWithIgnoredSignalsOfChildren) {
+  testing::RunOptions options{.folder = folder_, .limit = std::chrono::seconds(60)};
+  options.environment = {"COTWIN_HARM=kill", "COTWIN_HARM_AT=fmi2DoStep"};
+  options.prepare = [] { return ::signal(SIGCHLD, SIG_IGN) != SIG_ERR; };
+  const RunResult ran = testing::run_program(scenario("shared", ""), options);
+  EXPECT_EQ(ran.code, 1);
+  EXPECT_THAT(ran.err, HasSubstr("'pump' at t = 0.5 s: harm2.fmu: fmi2DoStep: the process of the run was killed by signal 9"));
+}
+
 // Its code would be unmapped below it.
 TEST_F(HarmfulFmu, MayLeaveAThreadRunning) {
   for (const std::string process : {"shared", "own"}) {
@@ -217,7 +237,8 @@ TEST_F(HarmfulFmu, IsStoppedAndKilledWithTheProgram) {
     testing::Process program = testing::start_program(arguments, {.folder = folder_, .limit = std::chrono::seconds(60)});
     const fs::path record = folder_ / "results/plant/run.json";
     const auto state = [&] { return content(record).find("\"running\"") != std::string::npos; };
-    while (!state()) std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    for (int i = 0; i < 6000 && !state(); ++i) std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    ASSERT_TRUE(state());
     std::string text = content(record);
     const pid_t run = std::stoi(text.substr(text.find("\"process\": ") + 11));
     EXPECT_NE(run, program.id());
@@ -245,7 +266,8 @@ TEST_F(HarmfulFmu, IsStoppedDuringItsInitialisationEvenIfItIgnoresSignals) {
     const std::size_t at = status.find("SigIgn:\t");
     return at != std::string::npos && (std::stoull(status.substr(at + 8), nullptr, 16) >> (SIGTERM - 1) & 1u) != 0;
   };
-  while (!deaf()) std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  for (int i = 0; i < 6000 && !deaf(); ++i) std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  ASSERT_TRUE(deaf());
   program.signal(SIGTERM);
   const RunResult ran = program.wait();
   EXPECT_EQ(ran.code, 128 + SIGTERM);
