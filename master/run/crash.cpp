@@ -110,7 +110,8 @@ struct CrashHandler {
       if (slot.compare_exchange_strong(expected, nullptr)) return;
     }
   }
-  /// If several threads crash at the same time, only the first ends the program; the others block here.
+  /// If several threads crash at the same time, only the first ends the program; the others block here. No signal may be handled
+  /// from here on in this thread, for it would block here, too.
   static void enter() {
     if (!ending.test_and_set()) return;
     for (;;) pause();
@@ -118,6 +119,8 @@ struct CrashHandler {
 
   static void on_signal(int number) {
     if (getpid() != own_process) return pass_on(number);
+    const bool crashed = std::ranges::find(kCrashes, number) != kCrashes.end();
+    if (!crashed && ending.test()) return;  // save_ may wait for this thread
     enter();
     const fmu::UnderWay* const call = call_under_way();
     const char* description = sigdescr_np(number);
@@ -145,6 +148,9 @@ struct CrashHandler {
 
   static void on_exit(int status, const char* function) {
     if (main_has_ended || getpid() != own_process) return;
+    sigset_t all;
+    sigfillset(&all);
+    pthread_sigmask(SIG_BLOCK, &all, nullptr);
     enter();
     CrashText text;
     begin_message(text);
@@ -187,16 +193,18 @@ void catch_crashes(int code) {
   sigaltstack(&alternative, nullptr);
   struct sigaction action = {};
   action.sa_handler = CrashHandler::on_signal;
-  action.sa_flags = SA_ONSTACK;
+  action.sa_flags = SA_ONSTACK | SA_RESTART;
   for (const int number : kCrashes) sigaddset(&action.sa_mask, number);
-  const auto handle = [&](int number) {
+  for (const int number : kEnding) sigaddset(&action.sa_mask, number);
+  const auto handle = [&](int number) -> const struct sigaction& {
     struct sigaction& earlier = before[static_cast<std::size_t>(number)];
     sigaction(number, &action, &earlier);
-    return earlier.sa_handler;
+    return earlier;
   };
   for (const int number : kCrashes) handle(number);
-  for (const int number : kEnding) {
-    if (handle(number) == SIG_IGN) std::signal(number, SIG_IGN);
+  for (const int number : kEnding) {  // one that is ignored, or handled by a preloaded profiler, ends nothing
+    const struct sigaction& earlier = handle(number);
+    if (earlier.sa_handler != SIG_DFL) sigaction(number, &earlier, nullptr);
   }
   ::on_exit([](int status, void*) { CrashHandler::on_exit(status, "exit"); }, nullptr);
   std::at_quick_exit([] { CrashHandler::on_exit(0, "quick_exit"); });

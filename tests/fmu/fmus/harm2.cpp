@@ -9,6 +9,7 @@
 #include <sys/syscall.h>
 #include <sys/time.h>
 #include <sys/wait.h>
+#include <time.h>
 #include <unistd.h>
 
 #include <new>
@@ -54,6 +55,19 @@ void do_harm(const std::string& harm) {
   if (harm == "alarm") {
     const itimerval soon{{0, 0}, {0, 1000}};
     setitimer(ITIMER_REAL, &soon, nullptr);
+    for (;;) pause();
+  }
+  if (harm == "alarms" || harm == "alarms and exit") {  // one while the program handles another
+    for (const int number : {SIGALRM, SIGUSR1, SIGUSR2}) {
+      sigevent event{};
+      event.sigev_notify = SIGEV_SIGNAL;
+      event.sigev_signo = number;
+      timer_t timer;
+      timer_create(CLOCK_MONOTONIC, &event, &timer);
+      const itimerspec often{{0, 20000}, {0, 20000}};
+      timer_settime(timer, 0, &often, nullptr);
+    }
+    if (harm == "alarms and exit") exit(0);
     for (;;) pause();
   }
   if (harm == "file size") {  // the next row cannot be written

@@ -158,6 +158,18 @@ TEST_F(HarmfulFmu, NeverEndsARunInSilence) {
   }
 }
 
+TEST_F(HarmfulFmu, MaySendSignalsWhileItsEndIsHandled) {
+  for (const std::string harm : {"alarms", "alarms and exit"}) {
+    for (int attempt = 0; attempt < 3; ++attempt) {
+      const RunResult twin = program(scenario("shared", ""), harm, "fmi2DoStep");
+      EXPECT_EQ(twin.code, 1) << harm;
+      EXPECT_THAT(twin.err, HasSubstr("'pump' at t = 0.5 s: harm2.fmu: fmi2DoStep")) << harm;
+      EXPECT_EQ(whole_rows(recording()), 51u) << harm;
+      fs::remove_all(folder_ / "results");
+    }
+  }
+}
+
 TEST_F(HarmfulFmu, NeverEndsASearchInSilence) {
   scenario("shared", "exit_group");
   std::vector<std::string> search = words("search plant.ssd --until motion.q_d[1]>9 --vary");
