@@ -54,12 +54,13 @@ void check_loadable(const fs::path& file) {
 
 std::atomic<int> abandoned{0};
 
-std::vector<int> threads_of_process() {
+/// Empty if the system does not tell them, also after an error: a destructor asks.
+std::vector<int> threads_of_process() noexcept try {
   std::vector<int> threads;
-  std::error_code none;
-  for (const auto& entry : fs::directory_iterator("/proc/self/task", none))
-    threads.push_back(std::stoi(entry.path().filename()));
+  for (const auto& entry : fs::directory_iterator("/proc/self/task")) threads.push_back(std::stoi(entry.path().filename()));
   return threads;
+} catch (const std::exception&) {
+  return {};
 }
 
 /// Whether this process has other threads than these. A thread that was joined may be listed for some µs.

@@ -157,8 +157,9 @@ void limit_memory([[maybe_unused]] std::uint64_t bytes) {
 #endif
 }
 
-[[noreturn]] void serve(Channel channel) {
+[[noreturn]] void serve(Channel channel, pid_t supervisor) {
   prctl(PR_SET_PDEATHSIG, SIGKILL);
+  if (getppid() != supervisor) raise(SIGKILL);    // it ended before
   std::setvbuf(stdout, nullptr, _IOLBF, BUFSIZ);  // line buffered, so that output before a crash is not lost
   limit_memory(channel.header().memory_limit);
   own_call.mirror = channel.header().function;
@@ -207,8 +208,8 @@ int run() {
     Channel channel = Channel::open(kMemoryDescriptor);
     close_range(static_cast<unsigned>(kLifelineDescriptor) + 1, ~0u, 0);
     prctl(PR_SET_CHILD_SUBREAPER, 1);
-    const pid_t served = fork();
-    if (served == 0) serve(std::move(channel));
+    const pid_t supervisor = getpid(), served = fork();
+    if (served == 0) serve(std::move(channel), supervisor);
     if (served < 0) throw Error("cannot start a process for the FMU");
     channel.header().served = served;
     supervise(served);
