@@ -135,7 +135,8 @@ Scenario scenario_of(const services::Robot& robot, const RobotFolder& folder, co
   }
   add("motion", "unit:motion?kind=polynomial&degree=" + std::to_string(move.degree), polynomial);
 
-  Values controller = limits(bounds), drive = {{"q0", text::joined(move.from_q)}};
+  // The request may lift the robot's limits: no stops.
+  Values controller = limits(bounds), drive = {{"q0", text::joined(move.from_q)}, {"q_min", "-1e6"}, {"q_max", "1e6"}};
   std::string source = "unit:drive_train";
   if (options.rigid) {
     source += move.drives.tau_C.empty() ? "?transmission=rigid" : "?transmission=rigid&friction=smooth";

@@ -37,21 +37,22 @@ bool is_xml_text(std::string_view text) { return first_not_allowed(text) == std:
 
 std::size_t first_tag_with_more_attributes(std::string_view text, std::size_t most) {
   constexpr std::size_t kNone = std::string_view::npos;
-  for (std::size_t tag = text.find('<'); tag != kNone; tag = text.find('<', tag + 1)) {
+  for (std::size_t tag = text.find('<'); tag != kNone;) {
     const std::string_view rest = text.substr(tag);
     const std::string_view end = rest.starts_with("<!--") ? "-->" : rest.starts_with("<![CDATA[") ? "]]>" : "";
+    std::size_t at = tag;
     if (!end.empty()) {
-      tag = text.find(end, tag);
-      if (tag == kNone) return kNone;
-      continue;
+      at = text.find(end, tag);
+    } else {
+      std::size_t values = 0;
+      for (at = text.find_first_of("\"'<>", tag + 1); at != kNone && text[at] != '<' && text[at] != '>';) {
+        if (++values > most) return tag;
+        at = text.find(text[at], at + 1);
+        if (at != kNone) at = text.find_first_of("\"'<>", at + 1);
+      }
     }
-    std::size_t values = 0;
-    for (std::size_t at = text.find_first_of("\"'>", tag); at != kNone && text[at] != '>';
-         at = text.find_first_of("\"'>", at + 1)) {
-      if (++values > most) return tag;
-      at = text.find(text[at], at + 1);
-      if (at == kNone) return kNone;
-    }
+    if (at == kNone) return kNone;
+    tag = text.find('<', at);
   }
   return kNone;
 }
