@@ -43,14 +43,7 @@ TEST(JumpDetector, FindsJumpsButNoMotions) {
 }
 
 class FriRestart : public ::testing::TestWithParam<Protocol> {};
-INSTANTIATE_TEST_SUITE_P(Protocols, FriRestart,
-                         ::testing::Values(Protocol::kLwr, Protocol::kSunrise1_11, Protocol::kSunrise1_15,
-                                           Protocol::kSunrise2_5, Protocol::kSunrise2_7),
-                         [](const auto& protocol) {
-                           std::string name = fri::to_text(protocol.param);
-                           std::erase_if(name, [](char c) { return c == '-' || c == '.'; });
-                           return name;
-                         });
+INSTANTIATE_TEST_SUITE_P(Protocols, FriRestart, ::testing::ValuesIn(kProtocols), name_of_protocol);
 
 /// The twin is at kQ, and the robot is put to where its first joint is 0.3 rad further.
 std::array<double, 7> moved() {

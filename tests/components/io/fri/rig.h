@@ -22,6 +22,16 @@ using M = fri::Monitoring;
 inline constexpr double kSpeed = 0.5;                                  // rad/s, the default limit of commanded positions
 inline constexpr std::array kQ{0.1, 0.3, -0.2, -1.2, 0.4, 0.9, 0.05};  // rad, where the robot is
 
+inline constexpr std::array kProtocols{Protocol::kLwr, Protocol::kSunrise1_11, Protocol::kSunrise1_15, Protocol::kSunrise2_5,
+                                       Protocol::kSunrise2_7};
+
+/// Of a test for one of them.
+inline std::string name_of_protocol(const ::testing::TestParamInfo<Protocol>& protocol) {
+  std::string name = fri::to_text(protocol.param);
+  std::erase_if(name, [](char c) { return c == '-' || c == '.'; });
+  return name;
+}
+
 /// The twin and a robot at rest whose messages come each 2 ms.
 struct Rig {
   explicit Rig(Protocol p, const std::string& mode = "position")

@@ -27,14 +27,7 @@ constexpr double kNaN = std::numeric_limits<double>::quiet_NaN(), kInfinity = st
 void pass(std::int64_t ns) { std::this_thread::sleep_for(std::chrono::nanoseconds(ns)); }
 
 class FriSafety : public ::testing::TestWithParam<Protocol> {};
-INSTANTIATE_TEST_SUITE_P(Protocols, FriSafety,
-                         ::testing::Values(Protocol::kLwr, Protocol::kSunrise1_11, Protocol::kSunrise1_15,
-                                           Protocol::kSunrise2_5, Protocol::kSunrise2_7),
-                         [](const auto& protocol) {
-                           std::string name = fri::to_text(protocol.param);
-                           std::erase_if(name, [](char c) { return c == '-' || c == '.'; });
-                           return name;
-                         });
+INSTANTIATE_TEST_SUITE_P(Protocols, FriSafety, ::testing::ValuesIn(kProtocols), name_of_protocol);
 
 TEST_P(FriSafety, DrivesNothingByDefault) {
   Ports twin(std::string("robot=lwr4&link=fri&protocol=") + fri::to_text(GetParam()));
