@@ -110,7 +110,7 @@ fs::path library_file(const fs::path& folder, Version version, const std::string
 
 Library::Library(const fs::path& file) : file_(fs::absolute(file)), threads_(threads_of_process()) {
   check_loadable(file_);
-  const CallUnderWay call("the loading of its library");
+  const CallUnderWay call(known_function("the loading of its library"));
   handle_ = dlopen(file_.c_str(), RTLD_NOW | RTLD_LOCAL);
   if (handle_ == nullptr) {
     const char* why = dlerror();
@@ -119,7 +119,7 @@ Library::Library(const fs::path& file) : file_(fs::absolute(file)), threads_(thr
 }
 
 Library::~Library() {
-  const CallUnderWay call("the unloading of its library");
+  const CallUnderWay call(known_function("the unloading of its library"));
   if (handle_ == nullptr) return;
   if (others_run(threads_)) {
     abandon();

@@ -21,6 +21,11 @@ void mirror_function(const char* function) noexcept {
 
 void begin_watched_call() noexcept { watched_call = watched_calls->call_of_this_thread(); }
 
+const char* known_function(const char* function) noexcept {
+  if (watched_calls != nullptr) watched_calls->add(function);
+  return function;
+}
+
 void rethrow_from(const char* function) {
   try {
     throw;

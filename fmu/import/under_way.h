@@ -62,6 +62,9 @@ class CallUnderWay {
   const char* outer_;
 };
 
+/// The same name, which the process that watches this one knows from now on.
+const char* known_function(const char* function) noexcept;
+
 /// Turns the exception that is being handled into an Error, because an FMU must not throw. An Error of this program that passed
 /// through the FMU is rethrown.
 [[noreturn]] void rethrow_from(const char* function);
@@ -74,7 +77,7 @@ class Function<Result(Arguments...)> {
  public:
   using Pointer = Result (*)(Arguments...);
   Function() = default;
-  Function(Pointer pointer, const char* name) : pointer_(pointer), name_(name) {}
+  Function(Pointer pointer, const char* name) : pointer_(pointer), name_(known_function(name)) {}
 
   Result operator()(Arguments... arguments) const {
     const CallUnderWay call(name_);

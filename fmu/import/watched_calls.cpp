@@ -42,6 +42,14 @@ void WatchedCalls::add(const CallPlace& place) noexcept {
   names_[i].place = &place;
 }
 
+void WatchedCalls::add(const char* function) noexcept {
+  if (name_of(function) != nullptr) return;
+  const std::uint32_t i = functions_.fetch_add(1);
+  if (i >= kFunctions) return;
+  copy_name(function_names_[i].name, function);
+  function_names_[i].function = function;
+}
+
 UnderWay* WatchedCalls::call_of_this_thread() noexcept {
   struct Releaser {
     std::atomic<bool>* taken = nullptr;
@@ -65,10 +73,17 @@ const WatchedCalls::Place* WatchedCalls::names_of(const CallPlace* place) const 
   return found != names_.end() ? &*found : nullptr;
 }
 
+const WatchedCalls::FunctionName* WatchedCalls::name_of(const char* function) const {
+  if (function == nullptr) return nullptr;
+  const auto found = std::ranges::find_if(function_names_, [&](const FunctionName& one) { return one.function == function; });
+  return found != function_names_.end() ? &*found : nullptr;
+}
+
 std::string WatchedCalls::describe(const UnderWay& call) const {
   const Place* const names = names_of(call.place);
   if (call.place == nullptr || names == nullptr) return "";
-  const std::string function = call.function != nullptr ? std::string(": ") + call.function : "";
+  const FunctionName* const known = name_of(call.function);
+  const std::string function = known != nullptr ? std::string(": ") + known->name.data() : "";
   return std::string("component '") + names->instance.data() + "' at t = " + text::to_text(static_cast<double>(call.ns) / 1e9) +
          " s: " + names->fmu.data() + function;
 }

@@ -18,6 +18,9 @@ class WatchedCalls {
 
   /// Stores the names of a place, so that the parent can read them. Places beyond kPlaces have no names there.
   void add(const CallPlace& place) noexcept;
+  /// Stores the name of a function, for the same reason: the FMU may damage the memory that pointers to names are in, and the
+  /// parent must not follow what is left of them. Calls of functions beyond kFunctions have no name there.
+  void add(const char* function) noexcept;
   /// The memory for the calls of the calling thread; its own, which no other process sees, beyond kThreads.
   UnderWay* call_of_this_thread() noexcept;
 
@@ -32,19 +35,26 @@ class WatchedCalls {
   std::atomic<bool> initialising{true};
 
  private:
-  static constexpr std::size_t kThreads = 256, kPlaces = 4096, kNameBytes = 96;
+  static constexpr std::size_t kThreads = 256, kPlaces = 4096, kFunctions = 128, kNameBytes = 96;
   struct Place {
     std::atomic<const CallPlace*> place;
     std::array<char, kNameBytes> fmu, instance;
   };
+  struct FunctionName {
+    std::atomic<const char*> function;
+    std::array<char, kNameBytes> name;
+  };
 
   const Place* names_of(const CallPlace* place) const;
+  const FunctionName* name_of(const char* function) const;
   std::string describe(const UnderWay& call) const;
 
   std::atomic<std::uint32_t> places_{0};
   std::array<std::atomic<bool>, kThreads> taken_{};  // of calls_
   std::array<UnderWay, kThreads> calls_{};           // the first is that of the main thread
   std::array<Place, kPlaces> names_{};
+  std::atomic<std::uint32_t> functions_{0};
+  std::array<FunctionName, kFunctions> function_names_{};
 };
 
 }  // namespace cotwin::fmu

@@ -1,12 +1,16 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/mman.h>
 
 #include <cstdlib>
+#include <memory>
 
+#include "fmu/import/watched_calls.h"
 #include "tests/fmu/foreign.h"
 #include "tests/support/error_of.h"
 
-// Callbacks of FMUs that do not pass back the environment that they were given, as those of Overture and Maestro do not.
+// Callbacks of FMUs that do not pass back the environment that they were given, as those of Overture and Maestro do not, and what
+// is known of calls into FMUs that damage memory.
 namespace cotwin::fmu {
 namespace {
 
@@ -68,6 +72,29 @@ TEST_P(StrayEnvironment, StillBringsTheErrorOfAnIntermediateUpdate) {
 
 INSTANTIATE_TEST_SUITE_P(Kinds, StrayEnvironment, ::testing::Values("null", "1", "2", "thread"),
                          [](const auto& kind) { return "of_" + std::string(kind.param); });
+
+// An FMU may damage the memory of the process it is in: pointers to names that its watching process finds lead nowhere.
+TEST(WatchedCalls, NameOnlyWhatWasStored) {
+  const auto calls = std::unique_ptr<WatchedCalls, void (*)(WatchedCalls*)>(
+      WatchedCalls::make(), [](WatchedCalls* memory) { munmap(memory, sizeof(WatchedCalls)); });
+  ASSERT_NE(calls, nullptr);
+  calls->begin();
+  const CallPlace place{"pump.fmu", "pump"};
+  calls->add(place);
+  const char* const step = known_function("fmi2DoStep");
+  set_call_place(place, 500'000'000);
+  const char* const wild = reinterpret_cast<const char*>(0x7878787878787878);
+  under_way().function = step;
+  EXPECT_EQ(calls->last_calls(), "component 'pump' at t = 0.5 s: pump.fmu: fmi2DoStep");
+  under_way().function = wild;
+  EXPECT_EQ(calls->last_calls(), "component 'pump' at t = 0.5 s: pump.fmu");
+  under_way().place = reinterpret_cast<const CallPlace*>(wild);
+  EXPECT_EQ(calls->last_calls(), "");
+  under_way() = {};
+  EXPECT_EQ(calls->last_calls(), "");
+  watched_calls = nullptr;
+  watched_call = nullptr;
+}
 
 }  // namespace
 }  // namespace cotwin::fmu

@@ -149,13 +149,14 @@ TEST(DriveTrainRosenbrock, WarnsWhereForcedSubstepsMissTheToleranceByFar) {
 }
 
 TEST(DriveTrainRosenbrock, StaysBoundedInSubstepsForcedAgainstTheTolerance) {
-  // One sub-step per step, bristles up to a million times stiffer. Without its bound, z would overflow in most of these runs.
+  // One sub-step per step, bristles up to a million times stiffer. Without its bound, z would overflow in most of these runs. The
+  // second joint passes its limit, and an impact on its stop has no accuracy in a sub-step of 10 ms.
   for (const double h : {1e-3, 10e-3}) {
     for (const double factor : {1.0, 1e2, 1e4, 1e6}) {
       Drive drive("robot=lwr4&method=rosenbrock");
       for (double& s : drive["sigma0"]) s *= factor;
       for (double& s : drive["sigma1"]) s *= std::sqrt(factor);
-      drive.set("max_substeps", 1);
+      drive.set("max_substeps", 1).set("stop_stiffness", 0);
       drive.initialise();
       for (int n = 0; n < 1000; ++n) {
         excite(drive, n);
