@@ -110,8 +110,8 @@ struct CrashHandler {
       if (slot.compare_exchange_strong(expected, nullptr)) return;
     }
   }
-  /// If several threads crash at the same time, only the first ends the program; the others block here. No signal may be handled
-  /// from here on in this thread, for it would block here, too.
+  /// If several threads crash or get signals at the same time, only the first ends the program; the others block here. No signal
+  /// may be handled from here on in this thread, for it would block here, too.
   static void enter() {
     if (!ending.test_and_set()) return;
     for (;;) pause();
@@ -119,8 +119,6 @@ struct CrashHandler {
 
   static void on_signal(int number) {
     if (getpid() != own_process) return pass_on(number);
-    const bool crashed = std::ranges::find(kCrashes, number) != kCrashes.end();
-    if (!crashed && ending.test()) return;  // save_ may wait for this thread
     enter();
     const fmu::UnderWay* const call = call_under_way();
     const char* description = sigdescr_np(number);
@@ -183,6 +181,15 @@ SavedOnCrash::SavedOnCrash(Save save, void* object, std::string file) : save_(sa
 }
 
 SavedOnCrash::~SavedOnCrash() { CrashHandler::remove(this); }
+
+EndingSignalsBlocked::EndingSignalsBlocked() noexcept {
+  sigset_t ending_signals;
+  sigemptyset(&ending_signals);
+  for (const int number : kEnding) sigaddset(&ending_signals, number);
+  pthread_sigmask(SIG_BLOCK, &ending_signals, &before_);
+}
+
+EndingSignalsBlocked::~EndingSignalsBlocked() { pthread_sigmask(SIG_SETMASK, &before_, nullptr); }
 
 void catch_crashes(int code) {
   exit_code = code;

@@ -1,4 +1,6 @@
 #pragma once
+#include <signal.h>
+
 #include <string>
 
 /// Actions when an FMU in this process crashes or calls exit(), or when the program itself crashes.
@@ -20,6 +22,19 @@ class SavedOnCrash {
   Save save_;
   void* object_;
   std::string file_;
+};
+
+/// Blocks the signals that end a process unless it handles them (SIGALRM and so on), in the calling thread and in those that it
+/// starts, until it is destroyed. Threads that `save` waits for are started under it: one that handled a signal would wait for itself.
+class EndingSignalsBlocked {
+ public:
+  EndingSignalsBlocked() noexcept;
+  ~EndingSignalsBlocked();
+  EndingSignalsBlocked(const EndingSignalsBlocked&) = delete;
+  EndingSignalsBlocked& operator=(const EndingSignalsBlocked&) = delete;
+
+ private:
+  sigset_t before_;
 };
 
 /// Installs handlers, in the main thread. SIGSEGV, SIGBUS, SIGFPE, SIGILL and SIGABRT inside an FMU, signals such as SIGALRM that

@@ -314,6 +314,7 @@ Recorder::Recorder(std::vector<Column> columns, std::filesystem::path file, Opti
   writer_ = std::make_unique<Writer>(*this, descriptor, options.kept ? options.kept->bytes : 0, integral);
   if (!options.kept) writer_->write_text(heading);
   if (failure_ != 0) throw_failure();
+  const EndingSignalsBlocked blocked;
   thread_ = std::thread([this] { writer_->run(); });
   saved_.emplace(save, this, file_.string());
 }

@@ -164,6 +164,7 @@ TEST_F(HarmfulFmu, MaySendSignalsWhileItsEndIsHandled) {
       const RunResult twin = program(scenario("shared", ""), harm, "fmi2DoStep");
       EXPECT_EQ(twin.code, 1) << harm;
       EXPECT_THAT(twin.err, HasSubstr("'pump' at t = 0.5 s: harm2.fmu: fmi2DoStep")) << harm;
+      EXPECT_EQ(whole_rows(recording()), 51u) << harm;
       fs::remove_all(folder_ / "results");
     }
   }
