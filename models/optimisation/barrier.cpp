@@ -48,10 +48,13 @@ Barrier::Barrier(const Evaluator& evaluator, Evaluator::Scratch& scratch, std::v
       const double margin = margins[5 * j + static_cast<std::size_t>(r)];
       blocks_.push_back({j, r});
       for (const double place : own) {
-        const double room = r > 0 ? -margin * most : (1e-9 - margin * away_from_ends(place)) * range;
+        // Towards an end that is at a bound no motion has more room than this.
+        constexpr double kLeast = 1e-9;
+        const double away = away_from_ends(place);
+        const double room = r > 0 ? -margin * most : (kLeast - margin * away) * range;
         low.push_back(least - room);
         high.push_back(most + room);
-        scale.push_back(range);
+        scale.push_back(r > 0 ? range : (kLeast + away) * range);
       }
     }
   }
@@ -251,7 +254,7 @@ bool Barrier::enter(VectorXd& y, Sample& here) {
     low_ = low;
     high_ = high;
     const double next = excess(here);
-    if (!(next < wide - 1e-3 * std::abs(wide))) return false;
+    if (!(next < wide - 1e-3 * std::abs(wide))) return next < 0;
     wide = next;
   }
   return wide < 0;

@@ -293,6 +293,7 @@ class Search {
     const auto scratch = exact.scratch();
     constexpr std::size_t kFirst = 4;
     constexpr int kFew = 2, kAttempts = 8;
+    constexpr double kMargin = 1e-4;
     // The swarm may end in the valley of a worse local optimum: the first coefficients are also refined from the quintic and from
     // half way to it.
     Refinement state;
@@ -301,7 +302,7 @@ class Search {
       Refinement own;
       own.best = own.current = from;
       own.current.c *= share;
-      own.margins.assign(5 * evaluator_.joints(), 1e-4);
+      own.margins.assign(5 * evaluator_.joints(), kMargin);
       if (const Solution first = check(own.current); first.status == Status::kFeasible) {
         own.best = own.current;
         own.least = first.cost;
@@ -309,17 +310,58 @@ class Search {
       refine(own, exact, *scratch, std::min(K, kFirst), kFew);
       if (share == 1 || own.least < state.least) state = std::move(own);
     }
+    if (!(state.least < kNone) && still_going()) {
+      if (const std::optional<Point> quick = quickest(from)) {
+        Refinement own;
+        own.best = own.current = *quick;
+        own.margins.assign(5 * evaluator_.joints(), kMargin);
+        own.least = check(*quick).cost;
+        refine(own, exact, *scratch, std::min(K, kFirst), kFew);
+        state = std::move(own);
+      }
+    }
     for (std::size_t terms = std::min(K, kFirst); terms < K && going_; terms += std::max<std::size_t>(2, terms / 3))
       refine(state, exact, *scratch, terms, kFew);
     refine(state, exact, *scratch, K, kAttempts);
     return state.best;
   }
 
+  static constexpr double kNone = std::numeric_limits<double>::infinity();
   struct Refinement {
     Point best, current;
-    double least = std::numeric_limits<double>::infinity();  // cost of `best`, ∞ if it is not feasible
-    std::vector<double> margins;                             // of the barrier's bounds
+    double least = kNone;         // cost of `best`, ∞ if it is not feasible
+    std::vector<double> margins;  // of the barrier's bounds
   };
+
+  /// A motion that keeps all bounds, where neither the swarm nor Newton's method has found one: the fastest one that is found when it may
+  /// be much slower, if it is fast enough.
+  std::optional<Point> quickest(const Point& from) {
+    if (!bounds_.empty() || seeks_quickest_) return std::nullopt;
+    constexpr double kLonger = 16, kShorter = 4;
+    Problem slow = problem();
+    slow.T_max *= kLonger;
+    slow.T_min = std::min(slow.T_min, problem().T_max / kShorter);
+    slow.costs = {{Quantity::kTime, 1, {}}};
+    SearchOptions options = options_;
+    options.rounds = 0;
+    options.evaluations -= evaluations_;
+    options.limit = std::chrono::duration<double>(end_ - std::chrono::steady_clock::now()).count();
+    Search search(slow, options, {}, threads_);
+    search.seeks_quickest_ = true;
+    Point start = from;
+    start.c.setZero();
+    start.u = 1;
+    const Solution found = search.run(start);
+    evaluations_ += found.evaluations;
+    going_ = going_ && found.complete;
+    if (found.status != Status::kFeasible || found.T > problem().T_max) return std::nullopt;
+    Point point = from;
+    point.c = Eigen::Map<const VectorXd>(found.c.data(), static_cast<Index>(found.c.size()));
+    point.z = search.best().z;
+    const double room = std::log(problem().T_max / problem().T_min), above = std::log(found.T / problem().T_min);
+    point.u = room > 0 ? std::clamp(above / room, 0.0, 1.0) : 1;
+    return check(point).status == Status::kFeasible ? std::optional(point) : std::nullopt;
+  }
 
   Solution check(const Point& p) const {
     Solution s =
@@ -338,7 +380,7 @@ class Search {
   /// exact peak exceeds.
   void refine(Refinement& state, const Evaluator& exact, Evaluator::Scratch& scratch, std::size_t terms, int attempts) {
     const bool free_T = problem().T_min<problem().T_max, free_end = problem().end_postures.size()> 1;
-    if (state.least < std::numeric_limits<double>::infinity()) state.current = state.best;
+    if (state.least < kNone) state.current = state.best;
     for (int attempt = 0; attempt < attempts && still_going(); ++attempt) {
       const Point current = state.current;
       const MatrixXd map = coordinates(current, terms);
@@ -520,7 +562,7 @@ class Search {
   std::vector<std::vector<double>> decoded_;
   std::vector<double> history_;
   std::uint64_t evaluations_ = 0, pruned_ = 0;
-  bool going_ = true;
+  bool going_ = true, seeks_quickest_ = false;
   const std::chrono::steady_clock::time_point end_ = end_of_time(options_.limit);
   Point best_;
 };

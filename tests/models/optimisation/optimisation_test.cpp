@@ -170,6 +170,33 @@ TEST(Optimisation, IsNeverFasterThanTheTimeOptimalMotionOnItsPath) {
   EXPECT_LT(s.T, bound * 1.2);
 }
 
+// An end at a limit of a joint takes no longer than one a little inside, whatever T_max, and a higher degree no longer than a lower
+// one. Where a few particles find no motion that is fast enough, Newton's method does.
+TEST(Optimisation, FindsTheFastestMotionToALimitOfAJointWhateverTheLongestDuration) {
+  double slower = std::numeric_limits<double>::infinity();
+  for (const int degree : {9, 11}) {
+    Problem p = lwr_move(degree, Quantity::kTime);
+    p.ends.q_to[3] = p.bounds.q_max[3] - 1e-6;
+    p.T_min = 0.05;
+    p.T_max = 6;
+    const Solution inside = minimise(p, few());
+    ASSERT_EQ(inside.status, Status::kFeasible) << inside.reason;
+    EXPECT_LT(inside.T, slower);
+    slower = inside.T;
+    p.ends.q_to[3] = p.bounds.q_max[3];
+    for (const double T_max : {1.005 * inside.T, 20.0}) {
+      p.T_max = T_max;
+      const Solution s = minimise(p, few());
+      ASSERT_EQ(s.status, Status::kFeasible) << "degree " << degree << ", T_max " << T_max << ": " << s.reason;
+      EXPECT_NEAR(s.T, inside.T, 1e-3 * inside.T) << "degree " << degree << ", T_max " << T_max;
+    }
+    p.costs = {{Quantity::kTorque, 1, {}}};
+    p.T_min = p.T_max = 1.01 * inside.T;
+    const Solution fixed = minimise(p, few());
+    EXPECT_EQ(fixed.status, Status::kFeasible) << "degree " << degree << ": " << fixed.reason;
+  }
+}
+
 // Gauss–Jacobi quadrature with the weight s² (1 − s)² and m nodes is exact for q̇ of degree d = 2 m + 3: Δ = ∫ q̇ dt ≤ T q̇_max Σ W_i,
 // so that T q̇_max/Δ ≥ 1/Σ W_i, which is attained: 1.875, 1.377551, 1.220930, 1.147541, 1.106341, 1.080617, …, 1.042274 (degree 21).
 TEST(Optimisation, ReachesTheShortestTimeThatASpeedBoundAllowsForEachDegree) {
