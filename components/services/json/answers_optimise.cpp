@@ -17,12 +17,14 @@ namespace {
 
 using optimisation::CostTerm;
 using optimisation::Problem;
+using optimisation::Quantity;
+using optimisation::SearchOptions;
 using optimisation::Solution;
 using optimisation::Status;
 
 /// Names of costs with their units.
-const char* unit_of(optimisation::Quantity q) {
-  using Q = optimisation::Quantity;
+const char* unit_of(Quantity q) {
+  using Q = Quantity;
   switch (q) {
     case Q::kTime:
       return "time_s";
@@ -50,7 +52,7 @@ const char* unit_of(optimisation::Quantity q) {
 }
 
 CostTerm term_of(const std::string& name, double weight, const std::string& pointer) {
-  using Q = optimisation::Quantity;
+  using Q = Quantity;
   std::string names;
   for (int i = 0; i <= static_cast<int>(Q::kStiffness); ++i) {
     CostTerm term;
@@ -93,11 +95,20 @@ Json costs_of(const Problem& p, const std::vector<double>& costs) {
   return all;
 }
 
-bool has_cost(const Problem& p, optimisation::Quantity quantity) {
+bool has_cost(const Problem& p, Quantity quantity) {
   return std::ranges::any_of(p.costs, [&](const CostTerm& t) { return t.quantity == quantity; });
 }
 
-Problem problem_of(const Robot& robot, const Move& m, const std::string& rule, Reader& r) {
+/// Without the drives' losses the energy is the mechanical work of the joints.
+void work_for_energy(Problem& p) {
+  if (has_cost(p, Quantity::kWork))
+    throw RequestError("/cost",
+                       "has energy beside work, but the robot has no energy.ssv beside its URDF, so that both are the same");
+  for (CostTerm& term : p.costs)
+    if (term.quantity == Quantity::kEnergy) term.quantity = Quantity::kWork;
+}
+
+Problem problem_of(const Robot& robot, const Move& m, const std::string& rule, Reader& r, std::vector<std::string>& notes) {
   Problem p;
   p.robot = robot.model;
   const std::vector<double> zero(robot.model.joints.size(), 0.0);
@@ -117,26 +128,33 @@ Problem problem_of(const Robot& robot, const Move& m, const std::string& rule, R
   for (const char* other : {"T_s", "T_min"})
     if (r.gives(other))
       throw RequestError(r.pointer(other), "is no member of optimise, expected T_min_s, and T_max_s to search the duration");
-  p.T_min = read_duration(r, "T_min_s");
-  p.T_max = r.has("T_max_s") ? read_duration(r, "T_max_s") : p.T_min;
+  const bool least = r.has("T_min_s"), most = r.has("T_max_s");
+  if (!least && !most)
+    throw RequestError("",
+                       "gives no duration, expected T_min_s, or T_max_s as the longest one, or both to search between them");
+  if (most) p.T_max = read_duration(r, "T_max_s");
+  constexpr double kRange = 1000;  // T_max_s over the least duration that is searched without T_min_s
+  p.T_min = least ? read_duration(r, "T_min_s") : std::max(p.T_max / kRange, kBriefest);
+  if (!most) p.T_max = p.T_min;
   if (p.T_max < p.T_min) throw RequestError("/T_max_s", "is less than T_min_s, expected at least that");
   p.costs = read_costs(r, rule);
   const std::string bus = r.word("bus", {"shared", "none", "grid"});
-  r.only_if(has_cost(p, optimisation::Quantity::kEnergy), "bus", "the cost energy");
-  for (const CostTerm& term : p.costs) {
-    if (term.quantity != optimisation::Quantity::kEnergy) continue;
-    if (!robot.energy)
-      throw RequestError("/cost", "is energy, but the robot has no energy.ssv beside its URDF, expected one, or the cost work");
-    const EnergyData& e = *robot.energy;
-    p.electrical = optimisation::Electrical{e.losses, e.current, bus_of(bus), e.link, e.supply, e.standby};
+  r.only_if(has_cost(p, Quantity::kEnergy) && robot.energy, "bus", "the cost energy and an energy.ssv beside the URDF");
+  if (!has_cost(p, Quantity::kEnergy)) return p;
+  if (!robot.energy) {
+    work_for_energy(p);
+    notes.emplace_back("the robot has no energy.ssv beside its URDF: the cost energy is the mechanical work of the joints");
+    return p;
   }
+  const EnergyData& e = *robot.energy;
+  p.electrical = optimisation::Electrical{e.losses, e.current, bus_of(bus), e.link, e.supply, e.standby};
   return p;
 }
 
 /// The frame of the costs effective_mass and safety.
 void read_contact(const Robot& robot, Reader& r, Problem& p) {
-  const bool safety = has_cost(p, optimisation::Quantity::kSafety);
-  const bool contact = safety || has_cost(p, optimisation::Quantity::kMass);
+  const bool safety = has_cost(p, Quantity::kSafety);
+  const bool contact = safety || has_cost(p, Quantity::kMass);
   for (const char* name : {"frame", "direction", "motors"}) r.only_if(contact, name, "the cost effective_mass or safety");
   for (const char* name : {"parts", "contact", "contact_area_m2"}) r.only_if(safety, name, "the cost safety");
   if (!contact) return;
@@ -186,11 +204,32 @@ class Progress {
   long long round_ = 0;
 };
 
-/// By how much each cost is below that of the quintic, relative.
-Json shares_of(const Problem& p, const std::vector<double>& costs, const std::vector<double>& quintic) {
+/// The quintic that a motion is compared with: that of least cost where the duration is searched, otherwise, and with a compliant
+/// frame, that of the same duration.
+Solution quintic_of(Problem p, const Solution& s, bool lexicographic, const SearchOptions& options) {
+  p.degree = 5;
+  p.end_postures.clear();
+  if (lexicographic)  // cost is the last one, as in the search
+    for (CostTerm& term : p.costs) term.weight = &term == &p.costs.back() ? 1 : 0;
+  const Solution same = optimisation::assess(p, {}, p.ends.q_to, s.T, s.compliance);
+  if (p.T_min == p.T_max || p.compliant) return same;
+  SearchOptions few;
+  few.particles = 32;
+  few.rounds = 40;
+  few.seed = options.seed;
+  const Solution best = optimisation::minimise(p, few);
+  return best.status == Status::kFeasible ? best : same;
+}
+
+/// By how much a cost is below that of the quintic, relative; null where the quintic keeps no bounds or costs nothing.
+Json share_of(double cost, double of_quintic, const Solution& quintic) {
+  return quintic.status == Status::kFeasible && of_quintic > 0 ? Json(1 - cost / of_quintic) : Json(nullptr);
+}
+
+Json shares_of(const Problem& p, const Solution& s, const Solution& quintic) {
   Json all = Json::object();
   for (std::size_t i = 0; i < p.costs.size(); ++i)
-    all[unit_of(p.costs[i].quantity)] = quintic[i] > 0 ? Json(1 - costs[i] / quintic[i]) : Json(nullptr);
+    all[unit_of(p.costs[i].quantity)] = share_of(s.costs[i], quintic.costs[i], quintic);
   return all;
 }
 
@@ -228,8 +267,9 @@ Json answer_optimise(const Robot& robot, Reader& r, const Context& context) {
   const Move m = read_move(robot, r, false);
   const std::string rule = r.word("rule", {"weighted", "lexicographic", "pareto"});
   const bool pareto = rule == "pareto", lexicographic = rule == "lexicographic";
-  Problem p = problem_of(robot, m, rule, r);
-  optimisation::SearchOptions options;
+  std::vector<std::string> notes;
+  Problem p = problem_of(robot, m, rule, r, notes);
+  SearchOptions options;
   options.particles = r.integer("particles", 8, 100000, 200);
   options.rounds = r.integer("rounds", 1, 100000, 500);
   options.seed = static_cast<std::uint64_t>(r.integer("seed", 0, 2147483647, 1));
@@ -278,7 +318,9 @@ Json answer_optimise(const Robot& robot, Reader& r, const Context& context) {
                                                                     context.threads, &complete)
                                : optimisation::pareto_front(p, directions, options, context.threads, &complete);
     progress.finish();
-    return front_of(robot, m, p, particles, complete, detail);
+    Json reply = front_of(robot, m, p, particles, complete, detail);
+    add_notes(reply, notes);
+    return reply;
   }
 
   const Solution s = lexicographic && end ? optimisation::minimise_in_order_to_pose(p, tolerance, *end->kinematics, end->target,
@@ -290,11 +332,7 @@ Json answer_optimise(const Robot& robot, Reader& r, const Context& context) {
   found.degree = s.degree;
   found.c = s.c;
   found.to_q = s.q_to;
-  Problem quintic = p;
-  quintic.degree = 5;
-  if (lexicographic)  // cost is the last one, as in the search
-    for (CostTerm& term : quintic.costs) term.weight = &term == &quintic.costs.back() ? 1 : 0;
-  const Solution reference = optimisation::assess(quintic, {}, p.ends.q_to, s.T, s.compliance);
+  const Solution quintic = quintic_of(p, s, lexicographic, options);
   Json reply{{"status", optimisation::to_text(s.status)},
              {"feasible", s.status == Status::kFeasible},
              {"reason", s.reason},
@@ -303,15 +341,16 @@ Json answer_optimise(const Robot& robot, Reader& r, const Context& context) {
              {"cost", s.cost},
              {"costs", costs_of(p, s.costs)},
              {"quintic",
-              {{"T_s", reference.T},
-               {"feasible", reference.status == Status::kFeasible},
-               {"reason", reference.reason},
-               {"cost", reference.cost},
-               {"costs", costs_of(p, reference.costs)}}},
-             {"saved_share", reference.cost > 0 ? Json(1 - s.cost / reference.cost) : Json(nullptr)},
-             {"saved_shares", shares_of(p, s.costs, reference.costs)},
+              {{"T_s", quintic.T},
+               {"feasible", quintic.status == Status::kFeasible},
+               {"reason", quintic.reason},
+               {"cost", quintic.cost},
+               {"costs", costs_of(p, quintic.costs)}}},
+             {"saved_share", share_of(s.cost, quintic.cost, quintic)},
+             {"saved_shares", shares_of(p, s, quintic)},
              {"limiting", limiting_of(robot.model, s.peaks)},
              {"motion", motion_of(robot, found, s.T)}};
+  add_notes(reply, notes);
   if (p.T_min < p.T_max)
     if (const std::string note = creeping(p, s); !note.empty()) add_notes(reply, {note});
   if (end && !end->has_freedom) add_notes(reply, {"to_pose leaves the joints no freedom: the end posture is the given one"});

@@ -527,6 +527,46 @@ TEST(ServiceReplies, OptimiseBeatsTheQuinticAndGivesItsMotion) {
   EXPECT_GE(ask(robots, request)["front"].size(), 2U);
 }
 
+// T_min = max(1.875 Δ/q̇_max, …) of the quintic, which saves time against itself only if it is compared at its own duration.
+TEST(ServiceReplies, OptimiseComparesASearchedDurationWithTheFastestQuintic) {
+  Robots robots({robots_folder()});
+  json request = lwr_move("optimise");
+  request.erase("T_min_s");
+  request.update({{"cost", "time"}, {"drives", "none"}, {"particles", 32}, {"rounds", 40}});
+  EXPECT_THAT(refusal(robots, request.dump()), HasSubstr("gives no duration, expected T_min_s, or T_max_s"));
+  request["T_max_s"] = 10;
+  const json reply = ask(robots, request);
+  ASSERT_EQ(reply["status"], "feasible") << reply["reason"];
+  json quintic = lwr_move("cycle_time");
+  quintic.erase("T_s");
+  quintic.erase("degree");
+  quintic["drives"] = "none";
+  const double T = ask(robots, quintic)["T_s"].get<double>();
+  EXPECT_NEAR(reply["quintic"]["T_s"].get<double>(), T, 2e-3 * T);
+  EXPECT_NEAR(reply["saved_share"].get<double>(), 1 - reply["T_s"].get<double>() / reply["quintic"]["T_s"].get<double>(),
+              1e-12);
+  EXPECT_GT(reply["saved_share"].get<double>(), 0.1);
+  // At the fixed duration of the faster motion the quintic keeps no bounds: there is nothing to compare with.
+  request["T_min_s"] = request["T_max_s"] = 1.01 * reply["T_s"].get<double>();
+  request["cost"] = "torque";
+  const json fixed = ask(robots, request);
+  EXPECT_EQ(fixed["status"], "feasible") << fixed["reason"];
+  EXPECT_EQ(fixed["quintic"]["feasible"], false);
+  EXPECT_TRUE(fixed["saved_share"].is_null());
+}
+
+TEST(ServiceReplies, OptimiseTakesWorkForEnergyWhereTheLossesAreUnknown) {
+  Robots robots({robots_folder()});
+  json request = lwr_move("optimise");
+  request.update({{"robot", "ur5e"}, {"particles", 16}, {"rounds", 10}, {"cost", "energy"}});
+  for (const char* end : {"from_q_rad", "to_q_rad"}) request[end].erase(6);
+  const json reply = ask(robots, request);
+  EXPECT_TRUE(reply["costs"].contains("work_J")) << reply;
+  EXPECT_THAT(reply["notes"].dump(), HasSubstr("no energy.ssv"));
+  request["cost"] = {{{"name", "torque"}}, {{"name", "work"}}, {{"name", "energy"}}};
+  EXPECT_THAT(refusal(robots, request.dump()), HasSubstr("both are the same"));
+}
+
 // At a fixed duration nothing has less jerk than the quintic, ∫ q‴² dt = 720 Δ²/T⁵: the last cost cannot save.
 TEST(ServiceReplies, CompareTheLastCostOfALexicographicOrderWithThatOfTheQuintic) {
   Robots robots({robots_folder()});
