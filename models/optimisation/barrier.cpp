@@ -158,6 +158,7 @@ void Barrier::derivatives(const VectorXd& y) {
 
 void Barrier::cost_hessian(const VectorXd& y) {
   const Index n = static_cast<Index>(variables_);
+  hessian_at_ = y;
   const auto& costs = evaluator_.problem().costs;
   if (std::all_of(costs.begin(), costs.end(),
                   [](const CostTerm& t) { return t.weight == 0 || t.quantity == Quantity::kTime; })) {
@@ -269,9 +270,10 @@ VectorXd Barrier::minimise() {
   if (!(excess(here) < 0) && !enter(y, here)) return y;
   const VectorXd start = y;
   const double start_cost = here.cost;
-  constexpr int kSteps = 25;  // for each μ
+  constexpr int kSteps = 25;       // for each μ
+  constexpr double kMoved = 0.03;  // by which the Hessian of the cost may be out of date; the bounds' is not
   for (double mu = 1e-2 * std::abs(start_cost); mu > 1e-8 * std::abs(start_cost) && going(); mu *= 0.1) {
-    cost_hessian(y);
+    if (hessian_at_.size() == 0 || (y - hessian_at_).norm() > kMoved) cost_hessian(y);
     for (int step = 0; step < kSteps && going() && newton(y, here, mu, true); ++step) {
     }
   }

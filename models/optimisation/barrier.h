@@ -70,7 +70,7 @@ class Barrier {
   VectorXd low_, high_, scale_;
   std::vector<double> rows_;
   MatrixXd J_, H_;
-  VectorXd gradient_;
+  VectorXd gradient_, hessian_at_;
   std::uint64_t evaluations_ = 0;
 };
 

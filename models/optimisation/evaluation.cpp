@@ -334,11 +334,15 @@ void Evaluator::frames(const Motions& m, std::size_t lane, Scratch& s, Values& v
 
 void Evaluator::evaluate(const Motions& motions, Scratch& s, Values& values, bool all, const Visit& visit) const {
   set_coordinates(motions, s);
-  check_kinematics(s, values);
+  if (all) {
+    values.kinematic.fill(0);
+  } else {
+    check_kinematics(s, values);
+  }
   values.torque.fill(0);
   exact_costs(motions, s, values);
   for (std::size_t k = 0; k < kLanes; ++k) {
-    values.pruned[k] = !all && values.kinematic[k] > 0;
+    values.pruned[k] = values.kinematic[k] > 0;
     if (values.pruned[k] || k >= motions.count) continue;
     if (torques_) dynamics(motions, k, s, values, visit);
     if (contact_ || compliant_) frames(motions, k, s, values);

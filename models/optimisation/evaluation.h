@@ -61,7 +61,7 @@ class Evaluator {
   /// tau[j · count + s].
   using Visit =
       std::function<void(std::size_t lane, std::size_t first, std::size_t count, const double* tau, const double* dq)>;
-  /// `all`: computes torques of pruned motions as well. `visit` may be empty.
+  /// `all`: computes the torques of all motions, without a look at the kinematic bounds. `visit` may be empty.
   void evaluate(const Motions& motions, Scratch& scratch, Values& values, bool all = false, const Visit& visit = {}) const;
 
   /// Coordinates of a joint in the basis divided by Tʳ, of the last evaluate(): what the tables of dʳq/dtʳ are multiplied with.

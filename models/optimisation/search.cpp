@@ -292,7 +292,6 @@ class Search {
     const Evaluator exact(smooth);
     const auto scratch = exact.scratch();
     constexpr std::size_t kFirst = 4;
-    constexpr int kFew = 2, kAttempts = 8;
     constexpr double kMargin = 1e-4;
     // The swarm may end in the valley of a worse local optimum: the first coefficients are also refined from the quintic and from
     // half way to it.
@@ -307,7 +306,7 @@ class Search {
         own.best = own.current;
         own.least = first.cost;
       }
-      refine(own, exact, *scratch, std::min(K, kFirst), kFew);
+      refine(own, exact, *scratch, std::min(K, kFirst), false);
       if (share == 1 || own.least < state.least) state = std::move(own);
     }
     if (!(state.least < kNone) && still_going()) {
@@ -316,13 +315,13 @@ class Search {
         own.best = own.current = *quick;
         own.margins.assign(5 * evaluator_.joints(), kMargin);
         own.least = check(*quick).cost;
-        refine(own, exact, *scratch, std::min(K, kFirst), kFew);
+        refine(own, exact, *scratch, std::min(K, kFirst), false);
         state = std::move(own);
       }
     }
     for (std::size_t terms = std::min(K, kFirst); terms < K && going_; terms += std::max<std::size_t>(2, terms / 3))
-      refine(state, exact, *scratch, terms, kFew);
-    refine(state, exact, *scratch, K, kAttempts);
+      refine(state, exact, *scratch, terms, false);
+    refine(state, exact, *scratch, K, true);
     return state.best;
   }
 
@@ -378,7 +377,9 @@ class Search {
 
   /// Repeats the barrier from its results as long as they improve. Each bound that the barrier's samples miss is tightened by what its
   /// exact peak exceeds.
-  void refine(Refinement& state, const Evaluator& exact, Evaluator::Scratch& scratch, std::size_t terms, int attempts) {
+  void refine(Refinement& state, const Evaluator& exact, Evaluator::Scratch& scratch, std::size_t terms, bool to_the_end) {
+    constexpr int kFew = 2, kAttempts = 8;
+    const int attempts = to_the_end ? kAttempts : kFew;
     const bool free_T = problem().T_min<problem().T_max, free_end = problem().end_postures.size()> 1;
     if (state.least < kNone) state.current = state.best;
     for (int attempt = 0; attempt < attempts && still_going(); ++attempt) {
@@ -415,7 +416,7 @@ class Search {
           state.least = found.cost;
           state.best = state.current;
         }
-        if (enough) return;
+        if (enough || !to_the_end) return;
       } else {
         for (std::size_t i = 0; i < found.peaks.size(); ++i)
           if (const double beyond = found.peaks[i].share - 1; beyond > 0) state.margins[i] += 1.5 * std::min(beyond, 0.01);

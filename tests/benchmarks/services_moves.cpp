@@ -1,12 +1,14 @@
 // Services: motions that were found for random moves, against the quintic, Ipopt and the time-optimal motion on the same path.
-//   services_moves [--robots lwr4] [--moves N] [--part energy|drives|ipopt|time] [--table] [--degree D] [--cost torque]
+//   services_moves [--robots lwr4] [--moves N] [--part energy|drives|ipopt|time|requests] [--table] [--degree D] [--cost torque]
 // Without --moves five of energy and drives and one of each other part, so that it ends soon.
 // --degree and --cost are those of the comparison with Ipopt; with --table it prints one row for each move.
 // A robot is a folder of models/robots or, with a slash, a path to a URDF file, which then has the drives of kr300_r2500.
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
+#include <random>
 #include <string>
 #include <vector>
 
@@ -102,6 +104,33 @@ void time(const Arm& arm, std::size_t moves) {
   print({name + ", largest", "1", quantile(ratios, 1), "bound", 1, 1.05, false});
 }
 
+/// Processor time of searches with the default settings: costs, degrees and durations at random, and every second move to a limit of a
+/// joint.
+void requests(const Arm& arm, std::size_t moves) {
+  std::mt19937_64 random(4);
+  const auto draw = [&](double least, double most) { return std::uniform_real_distribution<double>(least, most)(random); };
+  constexpr std::array kCosts = {Quantity::kTime, Quantity::kTorque, Quantity::kWork, Quantity::kJerk};
+  constexpr std::array kDegrees = {7, 9, 9, 9, 11, 13, 15};
+  std::vector<double> seconds;
+  std::size_t number = 0;
+  for (RandomMove move : random_moves(arm, moves, 4)) {
+    const auto joint = static_cast<std::size_t>(draw(0, static_cast<double>(move.to.size())));
+    const double limit = arm.model.joints[joint].q_max;
+    if (++number % 2 == 0 && std::isfinite(limit)) move.to[joint] = limit;
+    Problem p = problem_of(arm, move, kDegrees[static_cast<std::size_t>(draw(0, kDegrees.size()))], 1,
+                           kCosts[static_cast<std::size_t>(draw(0, kCosts.size()))]);
+    p.T_min = draw(0.8, 1.6) * move.T_quintic;
+    p.T_max = draw(0, 1) < 0.5 ? p.T_min : draw(1.2, 4) * p.T_min;
+    const double begin = thread_seconds();
+    keep(minimise(p));
+    seconds.push_back(thread_seconds() - begin);
+  }
+  const std::string name =
+      "search with the default settings, " + arm.name + ", " + std::to_string(moves) + " random requests, processor time";
+  print({name + ", median", "s", quantile(seconds, 0.5), "goal", 1, 1, false});
+  print({name + ", largest", "s", quantile(seconds, 1), "goal", 5, 5, false});
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -140,6 +169,7 @@ int main(int argc, char** argv) {
         energy(arm, moves > 0 ? moves : shortened(5, 1), drives, table);
     if (part.empty() || part == "ipopt") ipopt(arm, moves > 0 ? moves : 1, degree, quantity, table);
     if (part.empty() || part == "time") time(arm, moves > 0 ? moves : 1);
+    if (part.empty() || part == "requests") requests(arm, moves > 0 ? moves : shortened(5, 1));
   }
   return 0;
 }
