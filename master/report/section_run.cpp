@@ -257,7 +257,7 @@ void write_contacts(Page& page, const LoadedRecording& recording, const Gnuplot&
     table.row({span.component, Cell(number(span.begin, 7)), span.open ? Cell("until the end") : Cell(number(span.end, 7)),
                Cell(number(span.end - span.begin, 5)), span.force, span.penetration});
   }
-  page.table(table, std::to_string(recording.contacts.size()) + " contacts" +
+  page.table(table, std::to_string(recording.contacts.size()) + (recording.contacts.size() == 1 ? " contact" : " contacts") +
                         (recording.contacts.size() > kMostSpansShown ? ", the first " + std::to_string(kMostSpansShown) : ""));
   for (const std::string& component : recording.contact_units) {
     Plot plot;
