@@ -61,9 +61,23 @@ World::Impl::Energy World::Impl::measure_energy() const {
   return energy;
 }
 
+/// Kinetic energy with the inertias of axes.
+double World::Impl::motion_energy() const {
+  double twice = 0;
+  for (const RigidBody& body : bodies) {
+    if (body.dynamic()) twice += body.mass * body.v.squaredNorm() + body.L.dot(body.w);
+  }
+  for (std::size_t j = 0; j < joints.size(); ++j) {
+    if (!(axes[j].inertia > 0)) continue;
+    const double speed = joints[j].speed(bodies);
+    twice += axes[j].inertia * speed * speed;
+  }
+  return twice / 2;
+}
+
 /// Takes a state that was set from outside. The energy that this added is work.
 void World::Impl::begin_guard() {
-  guard.work = guard.lifted = 0;
+  guard.work = guard.lifted = guard.passive = guard.placed = 0;
   guard.elastic = elastic_energy();
   guard.counts = std::all_of(carriers.begin(), carriers.end(),
                              [&](int b) { return bodies[index(b)].v.isZero(0) && bodies[index(b)].w.isZero(0); });
@@ -110,9 +124,60 @@ double World::Impl::largest_gap() const {
   return gap;
 }
 
+/// Stores the bodies' motion before forces and impulses act.
+void World::Impl::begin_stage() {
+  for (std::size_t b = 0; b < bodies.size(); ++b) {
+    if (bodies[b].motion != scene::Motion::kStatic) starts[b] = {bodies[b].p, bodies[b].v, bodies[b].w};
+  }
+}
+
+/// Impulse of limits, friction and motor of a joint in the last solution.
+double World::Impl::axis_impulse(std::size_t joint) {
+  const std::array<double, kJointRows>& x = joint_x[joint];
+  double sum = 0;
+  for (int row = kSpringRow + 1; row < kGearRow; ++row) sum += x[index(row)];
+  const int f = forest.freedom_of(static_cast<int>(joint));
+  if (f >= 0 && !laws[joint].empty()) sum += laws[joint].impulse(forest.freedoms()[index(f)]);
+  return sum;
+}
+
+/// Work of gravity, of applied wrenches, and of contacts on the relative motion of their bodies, and the impulses on the axes of joints. The arms are those of the stage's start,
+/// because bodies with joints have moved since.
+void World::Impl::account_stage(Stage stage, double h) {
+  const auto mean = [&](int body, const Vector3d& p) -> Vector3d {
+    const RigidBody& now = bodies[index(body)];
+    const Start& start = starts[index(body)];
+    return (start.v + now.v + (start.w + now.w).cross(p - start.p)) / 2;
+  };
+  for (const ConeRow& row : rows.cones()) {
+    const Touch& touch = touches[index(row.point)];
+    if (touch.impulse.isZero(0)) continue;
+    const Vector3d& p = touch.point.p_W;
+    guard.passive += touch.impulse.dot(mean(touch.point.body_b, p) - mean(touch.point.body_a, p));
+  }
+  const auto mean_spin = [&](int body) -> Vector3d {
+    return body < 0 ? Vector3d(Vector3d::Zero()) : Vector3d((starts[index(body)].w + bodies[index(body)].w) / 2);
+  };
+  for (const BoxRow& row : rows.boxes()) {
+    if (row_origin[index(row.origin)].joint < 0) guard.passive += row.x * row.m.dot(mean_spin(row.b) - mean_spin(row.a));
+  }
+  for (std::size_t b = 0; b < bodies.size(); ++b) {
+    const RigidBody& body = bodies[b];
+    if (!body.dynamic()) continue;
+    const Vector3d way = h / 4 * (starts[b].v + body.v);
+    guard.passive += body.mass * scene.gravity.dot(way);
+    const Wrench& F = applied[b];
+    if (F.isZero(0)) continue;
+    const Vector3d turn = h / 4 * (starts[b].w + body.w);
+    guard.add_work(F.head<3>().dot(way + turn.cross(body.R * body.X_PB.p)) + F.tail<3>().dot(turn));
+  }
+  for (std::size_t j = 0; j < joints.size(); ++j) axes[j].passive[stage == Stage::kPosition ? 0 : 1] = axis_impulse(j);
+}
+
 /// Work of the contacts' position correction, which lifts bodies, of driven bodies and of applied wrenches; called after the
 /// position stage.
 void World::Impl::account_position_stage(double h) {
+  account_stage(Stage::kPosition, h);
   // An upper bound: the force of the whole step is at most twice that of its first half.
   for (const ConeRow& row : rows.cones()) {
     guard.lifted += 2 * row.x[0] * row.lift;
@@ -120,12 +185,10 @@ void World::Impl::account_position_stage(double h) {
   if (has_driven) {
     for (const Touch& touch : touches) guard.add_work(driven_work(touch, touch.impact + touch.sum));
   }
-  for (std::size_t b = 0; b < bodies.size(); ++b) {
-    if (!applied[b].isZero(0) && bodies[b].dynamic()) guard.add_work(h * applied[b].dot(bodies[b].twist()));
-  }
 }
 
-void World::Impl::account_velocity_stage() {
+void World::Impl::account_velocity_stage(double h) {
+  account_stage(Stage::kVelocity, h);
   if (!has_driven) return;
   for (const Touch& touch : touches) guard.add_work(driven_work(touch, touch.impulse));
 }
@@ -140,41 +203,47 @@ double World::Impl::driven_work(const Touch& touch, const Vector3d& impulse) con
   return along(touch.point.body_a) - along(touch.point.body_b);
 }
 
-/// Work of the drive of a joint in a step from position q_0 and speed s_0 to the joint's present position and speed s_1: impulse times
-/// mean speed of each stage. The joint's own spring does no work: its energy is part of E.
+/// Work of drive, motor, limits, friction and damper of a joint in a step from position q_0 and speed s_0 to the joint's present position and
+/// speed s_1. The joint's own spring does no work: its energy is part of E.
 void World::Impl::account_axis(std::size_t joint, double q_0, double s_0, double s_1, double h) {
   const Axis& axis = axes[joint];
+  const double s = (joints[joint].q - q_0) / h, damping = h / 2 * joints[joint].damping;
+  const auto work = [&](double first, double second) { return first * (s_0 + s) / 2 + second * (s + s_1) / 2; };
+  guard.passive -= work(damping * s, damping * s_1);
+  const double others = work(axis.passive[0], axis.passive[1]);
   if (axis.motor_torque > 0) {
-    if (axis.motor_torque < scene::kInfinity) {
-      guard.add_work(axis.motor_torque * std::abs(joints[joint].q - q_0));  // an upper bound
-    } else {
-      guard.counts = false;
-    }
+    guard.add_work(others);
+  } else {
+    guard.passive += others;
   }
   if (axis.tau == 0 && axis.stiffness == 0 && axis.damping == 0) return;
-  const double s = (joints[joint].q - q_0) / h, constant = axis.tau + axis.stiffness * h / 2 * (axis.rate - s);
-  const double first = h / 2 * (constant + axis.damping * (axis.rate - s));
-  const double second = h / 2 * (constant + axis.damping * (axis.rate - s_1));
-  double work = first * (s_0 + s) / 2;
-  if (status.impacts > 0) work = std::max(work, first * s);  // s_0 is the speed before the impacts
-  guard.add_work(work + second * (s + s_1) / 2);
+  const double constant = axis.tau + axis.stiffness * h / 2 * (axis.rate - s);
+  guard.add_work(
+      work(h / 2 * (constant + axis.damping * (axis.rate - s)), h / 2 * (constant + axis.damping * (axis.rate - s_1))));
 }
 
 void World::Impl::end_guard() {
   double jumps = 0;  // J, twice the energy of soft contacts whose normals may jump
   for (const Touch& touch : touches) {
     if (touch.stiffness == scene::kInfinity || touch.without_effect || touch.point.gap > 0) continue;
-    if (!touch.matched) guard.add_work(touch.stored() / 2);  // a manifold's new point has energy at once
+    if (!touch.matched) guard.placed += touch.stored() / 2;  // a manifold's new point has energy at once
     const double size = std::min(bodies[index(touch.point.body_a)].radius, bodies[index(touch.point.body_b)].radius);
-    if (-touch.point.gap > kDeep * size) jumps += touch.stored();
+    if (touch.jumped && -touch.point.gap > kDeep * size) jumps += touch.stored();
   }
   const Energy now = measure_energy();
   const double total = now.motion + now.potential;
   // Corrections of depth lift bodies and press others together. The velocity stage takes their speed back, so they explain no
   // motion: impulses that bodies without room exert on one another have no bound.
   const double higher = std::max(0.0, now.potential - guard.potential) + std::max(0.0, now.elastic - guard.elastic);
-  guard.add_work(std::min(guard.lifted, higher));
+  const double lifted = std::min(guard.lifted, higher);
+  guard.add_work(lifted + guard.placed);
   double gain = total - guard.energy - guard.work;
+  // Without what gravity and the soft contacts' springs have stored. Errors of one solution that the next one takes back are no gain.
+  const double stored = now.potential - guard.potential + now.elastic - guard.elastic;
+  const double passive = guard.passive + stored - guard.placed - lifted;
+  const double lost = std::max(0.0, -passive - guard.owed);
+  guard.owed = std::max(0.0, guard.owed + passive);
+  gain += lost;
   // Jumps may give the energy of their springs and no more than there was before, in all steps together.
   if (gain < 0) guard.jumped = std::max(0.0, guard.jumped + gain);
   if (gain > 0 && jumps > 0) {

@@ -85,6 +85,7 @@ void World::Impl::reserve_impacts(std::size_t contacts) {
 
 void World::Impl::resolve_impacts(double h) {
   if (!find_impacts(h)) return;
+  const double before = motion_energy();
   const int most = kLeastRounds + kRoundsPerPoint * static_cast<int>(touches.size());
   for (int round = 0; round < most + kRoundsTogether; ++round) {
     if (!begin_round(h)) break;
@@ -99,6 +100,8 @@ void World::Impl::resolve_impacts(double h) {
   }
   begin_inertias();
   prepared = false;
+  for (std::size_t j = 0; j < joints.size(); ++j) axes[j].start = joints[j].has_axis() ? joints[j].speed(bodies) : 0;
+  guard.passive += motion_energy() - before;
 }
 
 /// Returns whether a point with restitution strikes, and prepares the first round.

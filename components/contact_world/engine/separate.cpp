@@ -80,7 +80,7 @@ void World::Impl::separate(double h) {
   const Energy before = measure_energy();
   for (int pass = 0; (pass == 0 || (pass < kSeparationPasses && allow_depths(pass))) && move_apart(h);) ++pass;
   const Energy after = measure_energy();
-  guard.add_work(std::max(0.0, after.motion + after.potential - before.motion - before.potential));
+  guard.placed += std::max(0.0, after.motion + after.potential - before.motion - before.potential);
 }
 
 /// Returns whether there was a body to move.

@@ -77,7 +77,7 @@ bool World::Impl::linearise_springs() {
 
 void World::Impl::store_spring_impulses() {
   for (Touch& touch : touches) {
-    touch.push = touch.share = touch.gain = 0;
+    touch.push = touch.share = 0;
     touch.conserves = false;
   }
   for (const ConeRow& row : rows.cones()) {
@@ -86,7 +86,6 @@ void World::Impl::store_spring_impulses() {
     if (x > 0) status.swing = std::max(status.swing, std::sqrt(row.swing));
     Touch& touch = touches[index(row.point)];
     const double u = normal_velocity(touch);
-    touch.gain = -2 * x * u;
     if (!row.law.conserves) continue;
     touch.conserves = true;
     touch.share = x < row.law.h / 2 * row.law.limit * kYields ? row.law.share(u) : 0;              // the limit is that of both
@@ -99,12 +98,14 @@ void World::Impl::apply_lost_springs() {
   for (const Touch& touch : touches_before) {
     if (touch.matched || touch.push == 0 || touch.stiffness == kInfinity) continue;
     const Vector3d& p = touch.point.p_W;
+    const double before = normal_velocity(touch);
     for (const int b : {touch.point.body_a, touch.point.body_b}) {
       RigidBody& body = bodies[index(b)];
       if (!body.dynamic()) continue;
       const Vector3d impulse = (b == touch.point.body_a ? -touch.push : touch.push) * touch.point.n_W;
       body.apply_impulse(impulse, (p - body.p).cross(impulse));
     }
+    guard.passive += touch.push * (before + normal_velocity(touch)) / 2;
   }
 }
 

@@ -77,6 +77,7 @@ World::Impl::Impl(scene::Scene the_scene, Options the_options)
   advance = Advance(scene, bodies, is_linked, collision);
   check_gears();
   motions.resize(bodies.size());
+  starts.resize(bodies.size());
   shifted.resize(bodies.size());
   frozen.resize(bodies.size());
   for (std::size_t b = 0; b < bodies.size(); ++b) frozen[b] = !bodies[b].dynamic() || is_linked[b] != 0;
@@ -257,7 +258,7 @@ void World::save(std::vector<double>& state) const {
   const Guard& guard = w.guard;
   put(w.stale && !w.restored, w.margin, kept);
   put(guard.energy, guard.potential, guard.excess, guard.available, guard.highest, guard.fall, guard.nearest, guard.stalled,
-      guard.start_gap, guard.start_tilt, guard.jumped,
+      guard.start_gap, guard.start_tilt, guard.jumped, guard.owed,
       (guard.assembling ? 1 : 0) + (guard.begun ? 2 : 0) + (guard.moved ? 4 : 0));
   for (const RigidBody& body : w.bodies) {
     put_all(body.p);
@@ -309,9 +310,13 @@ void World::restore(std::span<const double> state) {
     throw Error("contact world", "invalid state: " + text::to_text(points) + " contact points, expected 0 to " +
                                      std::to_string(w.options.contacts));
   }
-  for (const double value : state) {
-    if (!(std::abs(value) < 1e18))
-      throw Error("contact world", "invalid state: value " + text::to_text(value) + ", expected a magnitude below 1e18");
+  const std::size_t joints = kHeader + kNumbersPerBody * w.bodies.size();
+  const auto is_motor_torque = [&](std::size_t at) {
+    return at >= joints && at < joints + kNumbersPerJoint * w.joints.size() && (at - joints) % kNumbersPerJoint == 3;
+  };
+  for (std::size_t k = 0; k < state.size(); ++k) {
+    if (!(std::abs(state[k]) < 1e18) && !(is_motor_torque(k) && state[k] == scene::kInfinity))
+      throw Error("contact world", "invalid state: value " + text::to_text(state[k]) + ", expected a magnitude below 1e18");
   }
   const auto expect_whole = [&](std::size_t at, double least, double most) {
     if (!(state[at] >= least && state[at] <= most)) {
@@ -342,7 +347,7 @@ void World::restore(std::span<const double> state) {
   const auto kept = static_cast<std::size_t>(get());
   Guard& guard = w.guard;
   for (double* number : {&guard.energy, &guard.potential, &guard.excess, &guard.available, &guard.highest, &guard.fall,
-                         &guard.nearest, &guard.stalled, &guard.start_gap, &guard.start_tilt, &guard.jumped}) {
+                         &guard.nearest, &guard.stalled, &guard.start_gap, &guard.start_tilt, &guard.jumped, &guard.owed}) {
     *number = get();
   }
   const auto flags = static_cast<unsigned>(get());

@@ -112,8 +112,8 @@ class World {
   /// checked) or tilted by 0.1 rad, or the energy has grown without work by more than the share `energy_limit` (0: not checked)
   /// of the kinetic energy at the start, all positive work and the largest fall of the potential. While joints that
   /// start apart come together, 1.5 times the largest gap at the start is allowed. Not counted are steps in which a driven body with
-  /// joints moves or a motor has unlimited torque, gains with soft contacts deeper than 5 % of a body up to their energy and all that there was, and steps until joints that
-  /// start apart or beyond their limits are corrected.
+  /// joints moves, gains where the normal of a soft contact deeper than 5 % of a body jumps, up to its energy and all that there was, and steps until
+  /// joints that start apart or beyond their limits are corrected.
   std::string fault(double gap_limit, double energy_limit) const;
 
   /// Saves and restores the whole state: poses, twists, warm start. A restored world steps to the same bits. Only the first

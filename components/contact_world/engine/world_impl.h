@@ -27,6 +27,9 @@ constexpr double kWidestMargin = 0.05;  // m
 /// Share of the errors of whole joints that a step corrects.
 constexpr double kShareOfJointError = 0.2;
 
+/// Cosine of the angle by which a contact's normal turns in a step at most, unless another feature carries it.
+constexpr double kJump = 0.995;
+
 /// Contacts with restitution that approach more slowly than this times h g are at rest.
 constexpr double kSlow = 2;
 
@@ -57,7 +60,6 @@ struct World::Impl {
     double gap = 0;                            // soft: of the spring, m; without the depth that stays after yielding
     double limit = scene::kInfinity;           // soft: force at which it yields, N
     double gap_before = 0;                     // soft: gap at the previous poses, m
-    double gain = 0;                           // soft: work done on it in the step, J
     bool fresh = true;                         // soft: not indented
     bool can_yield = false, yields_b = false;  // soft: one of the surfaces yields; it is that of b
     bool without_effect = false;               // soft: pierced, or without area
@@ -72,6 +74,7 @@ struct World::Impl {
     double push = 0, share = 0;                // soft: spring's impulse in the velocity stage, N.s; of SoftContact
     bool conserves = false;                    // soft: of SoftContact, in this step
     bool matched = false;                      // with a point of the other list
+    bool jumped = true;                        // it is new in this step, or its normal has turned by more than kJump
     bool has_travel = false;                   // the next two are known
     Vector3d travel_a =
         Vector3d::Zero();  // m/s; of the point against a's centre of mass over the last step: it may move along the surface
@@ -146,8 +149,12 @@ struct World::Impl {
   double elastic_energy() const;
   Energy measure_energy() const;
   void begin_guard();
+  void begin_stage();
+  void account_stage(Stage stage, double h);
   void account_position_stage(double h);
-  void account_velocity_stage();
+  void account_velocity_stage(double h);
+  double axis_impulse(std::size_t joint);
+  double motion_energy() const;
   void account_axis(std::size_t joint, double q_0, double s_0, double s_1, double h);
   double driven_work(const Touch& touch, const Vector3d& impulse) const;
   void end_guard();
@@ -220,7 +227,11 @@ struct World::Impl {
   struct BodyMotion {
     Vector3d v, L;
   };
-  std::vector<BodyMotion> motions;    // of the bodies during separate()
+  std::vector<BodyMotion> motions;  // of the bodies during separate()
+  struct Start {
+    Vector3d p = Vector3d::Zero(), v = Vector3d::Zero(), w = Vector3d::Zero();
+  };
+  std::vector<Start> starts;          // of the bodies before the kick of a stage
   std::vector<char> shifted, frozen;  // bodies that separate() moves; bodies that it never moves
   std::vector<std::vector<const scene::Material*>> materials;
 

@@ -60,6 +60,7 @@ void World::Impl::step(double h) {
   if (find_fast(h)) find_distant_points(h);
   resolve_impacts(h);
   if (status.impacts > 0 && find_fast(h)) find_distant_points(h);
+  begin_stage();
   kick(h / 2);
   solve(Stage::kPosition, h);
   account_position_stage(h);
@@ -71,9 +72,10 @@ void World::Impl::step(double h) {
   apply_lost_springs();  // reads the points before those of separate()
   separate(h);
   if (advance.any()) find_distant_points(h);
+  begin_stage();
   kick(h / 2);
   solve(Stage::kVelocity, h);
-  account_velocity_stage();
+  account_velocity_stage(h);
   sum_yielding(h);
   publish(h);
   end_guard();
@@ -112,7 +114,7 @@ void World::Impl::publish(double h) {
     if (!joints[j].has_axis()) continue;
     joints[j].measure();
     const double speed = joints[j].speed(bodies);
-    account_axis(j, q[j], dq[j], speed, h);
+    account_axis(j, q[j], status.impacts > 0 ? axes[j].start : dq[j], speed, h);
     q[j] = joints[j].q;
     dq[j] = speed;
   }
@@ -215,8 +217,8 @@ void World::Impl::match(double drifted) {
     touch.share = before.share;
     touch.conserves = before.conserves;
     touch.gap_before = before.gap;
-    touch.gain = before.gain;
     touch.matched = before.matched = true;
+    touch.jumped = touch.point.n_W.dot(before.point.n_W) < kJump || (drifted == 0 && before.jumped);
     if (touch.point.id == before.point.id) follow(touch, before, drifted);
   };
   for (Touch& before : touches_before) before.matched = false;

@@ -127,7 +127,6 @@ void World::Impl::yield(double h) {
     Yielding& account = account_of(touch);
     account.depth = std::max(account.depth, dent.depth);
     account.work += touch.limit * more;
-    guard.work -= std::clamp(touch.gain, 0.0, touch.limit * more);
   }
   for (Dent& dent : dents) dent.is_new = false;
   for (std::size_t first = 0, end = 0; first < touches.size(); first = end) {

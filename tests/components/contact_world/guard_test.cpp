@@ -277,6 +277,21 @@ TEST(Guard, ContinuesFromASavedStateToTheSameError) {
   EXPECT_EQ(a.time, b.time);
 }
 
+// An infinite torque is part of the state; it was refused as damaged.
+TEST(Guard, RestoresAMotorWithoutLimit) {
+  World world(chain(2, 0.5, 1), {}), other(chain(2, 0.5, 1), {});
+  world.set_motor(0, 5, HUGE_VAL);
+  world.step(1e-3);
+  std::vector<double> state, after, after_restoring;
+  world.save(state);
+  other.restore(state);
+  world.step(1e-3);
+  other.step(1e-3);
+  world.save(after);
+  other.save(after_restoring);
+  EXPECT_EQ(after, after_restoring);
+}
+
 TEST(Guard, AllocatesNothing) {
   for (const Method method : {Method::kTree, Method::kDantzig, Method::kPgs}) {
     World world(parallelogram(), with(method));

@@ -826,7 +826,7 @@ TEST(ContactWorld, RefusesAStateThatIsDamaged) {
     world["world"][2] = kept;
   }
   const std::size_t contact =
-      15 + 16 * 2;  // the first one, after the bodies: indices of bodies and shapes, both halves of its id
+      16 + 16 * 2;  // the first one, after the bodies: indices of bodies and shapes, both halves of its id
   for (std::size_t i = 0; i < 6; ++i) {
     const double kept = std::exchange(world["world"][contact + i], -3e10);
     EXPECT_THROW(world.unit().restored(), Error) << i;

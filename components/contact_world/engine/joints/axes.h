@@ -14,6 +14,8 @@ struct Axis {
   double inertia = 0, momentum = 0;                      // World::set_inertia; its momentum before the stage
   double motor_speed = 0, motor_torque = 0;              // World::set_motor
   double spring = 0;                                     // torque of the spring in the middle of the step
+  double start = 0;                                      // speed after the impacts of this step
+  double passive[2] = {};                                // impulses of limits, friction and motor in the stages of this step
   std::int32_t lock = 0;                                 // AxisLaw::Corner::id of the corner that holds the joint; 0: free
 };
 
@@ -41,6 +43,8 @@ class AxisLaw {
   void begin(const Axis& axis, Forest::Freedom& freedom, double tau);
   /// Holds or releases a freedom as its solution requires. Returns false if nothing changed.
   bool move(Axis& axis, Forest::Freedom& freedom, double tau);
+  /// The impulse of limits, friction and motor in the solution of a freedom.
+  double impulse(const Forest::Freedom& freedom) const { return held_ >= 0 ? freedom.impulse : impulse_in(region_); }
 
  private:
   double impulse_in(int region) const;  // region r: above r corners
