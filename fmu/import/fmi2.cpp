@@ -213,6 +213,7 @@ class Foreign2 final : public ForeignInstance {
     state = nullptr;
   }
   void serialise(void* state, std::string& bytes) override {
+    if (fatal_) fail("the FMU's state is lost in a fatal error");
     std::size_t size = 0;
     check(f_.serialised_size(component_, state, &size), "fmi2SerializedFMUstateSize");
     if (size > kMaxStateBytes)

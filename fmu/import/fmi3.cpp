@@ -309,6 +309,7 @@ class Foreign3 final : public ForeignInstance {
     state = nullptr;
   }
   void serialise(void* state, std::string& bytes) override {
+    if (fatal_) fail("the FMU's state is lost in a fatal error");
     std::size_t size = 0;
     check(f_.serialised_size(instance_, state, &size), "fmi3SerializedFMUStateSize");
     if (size > kMaxStateBytes)

@@ -1,10 +1,12 @@
 #pragma once
 #include <memory>
 #include <string>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
 #include "components/unit/declared_dependencies.h"
+#include "components/unit/local_memory.h"
 #include "components/unit/staged_initialisation.h"
 #include "components/unit/unit.h"
 #include "models/foundation/support/error.h"
@@ -13,7 +15,7 @@ namespace cotwin::fmu {
 
 /// A unit that puts the FMU's name in front of the messages of its errors.
 template <class Made>
-class Named final : public Unit, public StagedInitialisation, public DeclaredDependencies {
+class Named final : public Unit, public StagedInitialisation, public DeclaredDependencies, public LocalMemory {
   template <class Call>
   auto named(Call call) {
     try {
@@ -48,6 +50,15 @@ class Named final : public Unit, public StagedInitialisation, public DeclaredDep
   void restored() override { unit_.restored(); }
   void save_memory(std::string& bytes) override {
     named([&] { unit_.save_memory(bytes); });
+  }
+  void save_local_memory(std::string& bytes) override {
+    named([&] {
+      if constexpr (std::is_base_of_v<LocalMemory, Made>) {
+        unit_.save_local_memory(bytes);
+      } else {
+        unit_.save_memory(bytes);
+      }
+    });
   }
   void restore_memory(const std::string& bytes) override {
     named([&] { unit_.restore_memory(bytes); });

@@ -69,7 +69,7 @@ ForeignUnit::~ForeignUnit() {
 }
 
 void ForeignUnit::replace() {
-  if (instance_) states_.clear(*instance_);
+  if (instance_) states_.leave(*instance_);
   instance_.reset();  // first, for the FMU may allow only one instance per process
   instance_ = make();
   committed_ = -kForever;
@@ -80,7 +80,7 @@ void ForeignUnit::drop() {
   healthy_ = fresh_ = in_mode_ = false;
   choose_path();
   if (!instance_) return;
-  states_.clear(*instance_);
+  states_.leave(*instance_);
   instance_.reset();
 }
 
@@ -229,26 +229,37 @@ StepResult ForeignUnit::step(Time now, Duration h) {
   return finished_ ? StepResult::kFinished : StepResult::kDone;
 }
 
-void ForeignUnit::save_memory(std::string& bytes) {
-  if (!restorable() || !healthy_) return bytes.clear();
-  set_call_place(place_, under_way().ns);
-  ByteWriter extra;
+/// What belongs to the FMU's state beside it, to extra_.
+void ForeignUnit::write_extra() {
+  ByteWriter extra(std::move(extra_));
   extra.value(static_cast<std::uint8_t>(next_event_.has_value()));
   extra.value(next_event_.value_or(0));
   extra.value(static_cast<std::uint8_t>(finished_));
   for (const Exchange e : kSent) extra.value(static_cast<std::uint8_t>(variables_.changed(e)));
   for (const bool nonzero : variables_.nonzero_rates()) extra.value(static_cast<std::uint8_t>(nonzero));
   write_memory(extra);
-  const Time time = variables_.stepped_from() + variables_.stepped_by();
-  states_.save(*instance_, time, extra.bytes(), bytes);
+  extra_ = extra.take();
+}
+
+void ForeignUnit::save_memory(std::string& bytes) {
+  if (!restorable() || !healthy_) return bytes.clear();
+  set_call_place(place_, under_way().ns);
+  write_extra();
+  states_.save(*instance_, variables_.stepped_from() + variables_.stepped_by(), extra_, bytes);
+}
+
+void ForeignUnit::save_local_memory(std::string& bytes) {
+  if (!restorable() || !healthy_) return bytes.clear();
+  set_call_place(place_, under_way().ns);
+  write_extra();
+  states_.save_here(*instance_, variables_.stepped_from() + variables_.stepped_by(), extra_, bytes);
 }
 
 void ForeignUnit::restore_memory(const std::string& bytes) {
   set_call_place(place_, under_way().ns);
   const Time time = StateKeeper::time_of(bytes);
   if (!instance_ || is_before_commit(time)) replace();
-  const std::string extra = states_.restore(*instance_, bytes);
-  ByteReader in(as_bytes(extra), "state of the FMU");
+  ByteReader in(as_bytes(states_.restore(*instance_, bytes)), StateKeeper::kPlace);
   const bool has_next = in.value<std::uint8_t>() != 0;
   const auto next = in.value<double>();
   next_event_ = has_next ? std::optional(next) : std::nullopt;

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "components/unit/declared_dependencies.h"
+#include "components/unit/local_memory.h"
 #include "components/unit/staged_initialisation.h"
 #include "components/unit/unit.h"
 #include "fmu/description/dependencies.h"
@@ -55,7 +56,7 @@ ForeignVariablesOptions variables_options(const ModelDescription& description, I
 /// the same instance. Otherwise every step passes true; restore_memory() of a state before the last communication point then
 /// makes a new instance and gives it the serialised state. Hence an FMU that cannot serialise its states is restorable() only
 /// with `rollback`.
-class ForeignUnit : public Unit, public StagedInitialisation, public DeclaredDependencies {
+class ForeignUnit : public Unit, public StagedInitialisation, public DeclaredDependencies, public LocalMemory {
  public:
   ~ForeignUnit() override;
   void declare(Variables& variables) final { variables_.declare(variables); }
@@ -69,6 +70,7 @@ class ForeignUnit : public Unit, public StagedInitialisation, public DeclaredDep
   bool restorable() const final { return can_restore(interface_, options_); }
   bool goes_back() const final { return restorable() && options_.rollback; }
   void save_memory(std::string& bytes) final;
+  void save_local_memory(std::string& bytes) final;
   void restore_memory(const std::string& bytes) final;
   const std::vector<std::string>& warnings() const { return variables_.warnings(); }
   bool follows(const Variable& output, std::size_t row, const Variable& input, std::size_t column) const final {
@@ -122,9 +124,11 @@ class ForeignUnit : public Unit, public StagedInitialisation, public DeclaredDep
   void read_outputs();
   template <class Call>
   void attempt(Call call);
+  void write_extra();
   bool is_before_commit(Time time) const;
   void choose_path() { path_ = healthy_ && !finished_ && !next_event_ ? step_path() : StepPath::kFull; }
 
+  std::string extra_;             // what save_memory() adds to the FMU's state
   bool fresh_ = true;             // no function of the instance was called yet
   bool initialised_ = false;      // at least once
   bool in_mode_ = false;          // Initialization Mode

@@ -9,76 +9,109 @@
 
 namespace cotwin::fmu {
 
+namespace {
+
+/// The parts of saved bytes.
+struct Saved {
+  explicit Saved(const std::string& bytes) : in(as_bytes(bytes), StateKeeper::kPlace) {
+    if (bytes.empty()) throw Error("the snapshot has no state of this FMU");
+    time.ns = in.value<std::int64_t>();
+    is_serialised = in.value<std::uint8_t>() != 0;
+    extra = text();
+    if (is_serialised) {
+      serialised = text();
+    } else {
+      number = in.value<std::uint64_t>();
+    }
+    in.expect_end();
+  }
+  std::string_view text() {
+    const std::size_t n = in.count(1);
+    const auto* const begin = reinterpret_cast<const char*>(in.rest().data());
+    in = ByteReader(in.rest().subspan(n), StateKeeper::kPlace);
+    return {begin, n};
+  }
+
+  ByteReader in;
+  Time time;
+  bool is_serialised = false;
+  std::string_view extra, serialised;
+  std::uint64_t number = 0;
+};
+
+ByteWriter begin(std::string& bytes, Time time, bool is_serialised, std::string_view extra) {
+  ByteWriter out(std::move(bytes));
+  out.value(time.ns);
+  out.value(static_cast<std::uint8_t>(is_serialised));
+  out.text(extra);
+  return out;
+}
+
+}  // namespace
+
 Time StateKeeper::time_of(const std::string& bytes) {
   if (bytes.empty()) throw Error("the snapshot has no state of this FMU");
-  return {ByteReader(as_bytes(bytes), "state of the FMU").value<std::int64_t>()};
+  return {ByteReader(as_bytes(bytes), StateKeeper::kPlace).value<std::int64_t>()};
 }
 
 void StateKeeper::save(ForeignInstance& instance, Time time, std::string_view extra, std::string& bytes) {
-  std::uint64_t number = 0;
-  if (serialises_) {
-    Kept& kept = kept_.front();
-    instance.save(kept.state);
-    instance.serialise(kept.state, scratch_);
-  } else {
-    Kept& kept = place_for(bytes);
-    kept.number = 0;
-    instance.save(kept.state);
-    kept.number = number = next_++;
-  }
-  ByteWriter out;
-  out.value(time.ns);
-  out.value(static_cast<std::uint8_t>(serialises_));
-  out.text(std::string(extra));
-  if (serialises_) {
-    out.text(scratch_);
-  } else {
-    out.value(number);
-  }
-  bytes = out.bytes();
+  if (!serialises_) return save_here(instance, time, extra, bytes);
+  instance.save(passing_);
+  instance.serialise(passing_, scratch_);
+  ByteWriter out = begin(bytes, time, true, extra);
+  out.text(scratch_);
+  bytes = out.take();
+}
+
+void StateKeeper::save_here(ForeignInstance& instance, Time time, std::string_view extra, std::string& bytes) {
+  Kept& kept = place_for(bytes);
+  kept.number = 0;
+  kept.serialised.clear();
+  instance.save(kept.state);
+  kept.number = next_++;
+  ByteWriter out = begin(bytes, time, false, extra);
+  out.value(kept.number);
+  bytes = out.take();
 }
 
 /// Where to keep a state that replaces the one in `bytes`: in its place, otherwise in that of the oldest.
 StateKeeper::Kept& StateKeeper::place_for(const std::string& bytes) {
   if (!bytes.empty() && !holds_state(bytes)) {
-    ByteReader in(as_bytes(bytes), "state of the FMU");
-    static_cast<void>(in.value<std::int64_t>());  // time_of()
-    static_cast<void>(in.value<std::uint8_t>());
-    static_cast<void>(in.text());
-    const auto old = std::ranges::find(kept_, in.value<std::uint64_t>(), &Kept::number);
+    const auto old = std::ranges::find(kept_, Saved(bytes).number, &Kept::number);
     if (old != kept_.end()) return *old;
   }
   return *std::ranges::min_element(kept_, {}, &Kept::number);
 }
 
-std::string StateKeeper::restore(ForeignInstance& instance, const std::string& bytes) {
-  if (bytes.empty()) throw Error("the snapshot has no state of this FMU");
-  ByteReader in(as_bytes(bytes), "state of the FMU");
-  static_cast<void>(in.value<std::int64_t>());  // time_of()
-  if (in.value<std::uint8_t>() != static_cast<std::uint8_t>(serialises_)) in.fail("is the state of another FMU");
-  const std::string extra = in.text();
-  if (serialises_) {
-    const std::string serialised = in.text();
-    in.expect_end();
-    void* state = instance.deserialise(serialised);
-    try {
-      instance.restore(state);
-    } catch (...) {
-      instance.free(state);
-      throw;
-    }
+void StateKeeper::restore_serialised(ForeignInstance& instance, std::string_view serialised) {
+  void* state = instance.deserialise(serialised);
+  try {
+    instance.restore(state);
+  } catch (...) {
     instance.free(state);
-  } else {
-    const auto number = in.value<std::uint64_t>();
-    in.expect_end();
-    const auto kept = std::ranges::find(kept_, number, &Kept::number);
-    if (number == 0 || kept == kept_.end()) {
-      in.fail("is no longer kept: this FMU cannot serialise its states, and only its last " + std::to_string(kKept) +
-              " are kept");
-    }
-    instance.restore(kept->state);
+    throw;
   }
-  return extra;
+  instance.free(state);
+}
+
+std::string_view StateKeeper::restore(ForeignInstance& instance, const std::string& bytes) {
+  const Saved saved(bytes);
+  if (saved.is_serialised) {
+    if (!serialises_) saved.in.fail("is the state of another FMU");
+    restore_serialised(instance, saved.serialised);
+    return saved.extra;
+  }
+  const auto kept = std::ranges::find(kept_, saved.number, &Kept::number);
+  if (saved.number == 0 || kept == kept_.end()) {
+    saved.in.fail("is no longer kept: this FMU cannot serialise its states, and only its last " + std::to_string(kKept) +
+                  " are kept");
+  }
+  if (kept->serialised.empty()) {
+    instance.restore(kept->state);
+  } else {
+    restore_serialised(instance, kept->serialised);
+  }
+  return saved.extra;
 }
 
 bool holds_state(std::string_view saved) {
@@ -86,11 +119,24 @@ bool holds_state(std::string_view saved) {
   return saved.size() > kFlag && saved[kFlag] == 1;
 }
 
+void StateKeeper::leave(ForeignInstance& instance) noexcept {
+  for (Kept& kept : kept_) {
+    if (!serialises_ || kept.number == 0 || kept.state == nullptr) continue;
+    try {
+      instance.serialise(kept.state, kept.serialised);
+    } catch (...) {  // not after a fatal error: the state is lost
+      kept.serialised.clear();
+    }
+  }
+  clear(instance);
+}
+
 void StateKeeper::clear(ForeignInstance& instance) noexcept {
   for (Kept& kept : kept_) {
     instance.free(kept.state);
-    kept.number = 0;
+    if (kept.serialised.empty()) kept.number = 0;
   }
+  instance.free(passing_);
 }
 
 }  // namespace cotwin::fmu

@@ -56,13 +56,14 @@ GroupSolver::GroupSolver(std::span<Slot> slots, std::span<const Member> members,
       members_(members),
       bonds_(bonds),
       units_(slots.size()),
-      newton_(index(count_unknowns(links, members_of(slots)))) {
+      newton_(index(count_unknowns(links, members_of(slots)))),
+      guess_(newton_.jacobian().rows()) {
   const auto slot_of = [&](std::size_t member) {
     const auto found = std::ranges::find_if(slots, [&](const Slot& slot) { return slot.member == member; });
     return static_cast<std::size_t>(found - slots.begin());
   };
   const Eigen::Index n = newton_.jacobian().rows();
-  x_ = first_x_ = probe_ = changed_ = slope_ = y_ = Eigen::VectorXd::Zero(n);
+  x_ = first_x_ = probe_ = changed_ = y_ = Eigen::VectorXd::Zero(n);
   scale_ = Eigen::VectorXd::Zero(n);
   power_ = square_ = Eigen::MatrixXd::Zero(n, n);
   for (const Link& link : links) {
@@ -71,7 +72,10 @@ GroupSolver::GroupSolver(std::span<Slot> slots, std::span<const Member> members,
     if (from != slots.size() && is_continuous(link)) add(link, from, to);
   }
   find_outside();
-  for (std::size_t i = 0; i < slots.size(); ++i) units_[i].metered = bonds.meters(slots[i].member);
+  for (std::size_t i = 0; i < slots.size(); ++i) {
+    units_[i].metered = bonds.meters(slots[i].member);
+    units_[i].local = dynamic_cast<LocalMemory*>(slots[i].unit);
+  }
   limits_.tolerance = std::max(limits_.tolerance, kMostRelaxed * tolerance);
   limits_.noise = kNoiseOfSteps;
 }
@@ -110,7 +114,7 @@ void GroupSolver::find_outside() {
 }
 
 void GroupSolver::prepare() {
-  for (std::size_t i = 0; i < slots_.size(); ++i) units_[i].begin.take(members_[slots_[i].member].variables(), *slots_[i].unit);
+  for (std::size_t i = 0; i < slots_.size(); ++i) save_slot(i);
 }
 
 std::string GroupSolver::names() const {
@@ -119,12 +123,23 @@ std::string GroupSolver::names() const {
   return names;
 }
 
+void GroupSolver::save_slot(std::size_t i) {
+  PerSlot& unit = units_[i];
+  const Variables& variables = members_[slots_[i].member].variables();
+  if (unit.local == nullptr) return unit.begin.take(variables, *slots_[i].unit);
+  unit.begin.take(variables);
+  unit.local->save_local_memory(unit.memory);
+}
+
 void GroupSolver::restore_slot(std::size_t i) {
   if (!units_[i].moved) return;
   const Member& member = members_[slots_[i].member];
   units_[i].moved = false;
   try {
-    units_[i].begin.restore(member.variables(), *slots_[i].unit);
+    if (units_[i].local == nullptr) return units_[i].begin.restore(member.variables(), *slots_[i].unit);
+    units_[i].begin.write(member.variables());
+    slots_[i].unit->restore_memory(units_[i].memory);
+    slots_[i].unit->restored();
   } catch (const Error& error) {
     const bool failed = discarded_ == &slots_[i] && !error_.empty();  // the error that made it lose its state
     throw Error(place_of(member.name(), begin_), without_component(member.name(), failed ? error_ : error.what()));
@@ -265,18 +280,28 @@ void GroupSolver::begin_part(Time begin, Time end) {
   for (std::size_t i = 0; i < slots_.size(); ++i) {
     PerSlot& unit = units_[i];
     for (Input& input : unit.inputs) input.begin = *input.to;
-    unit.begin.take(members_[slots_[i].member].variables(), *slots_[i].unit);
+    save_slot(i);
     unit.moved = false;
   }
   begin_ = begin;
   h_ = end - begin;
-  for (std::size_t k = 0; k < unknowns_.size(); ++k) {
-    const double slope = unknowns_[k].derivative != nullptr ? *unknowns_[k].derivative : slope_[index(k)];
-    first_x_[index(k)] = *unknowns_[k].value;
-    x_[index(k)] = *unknowns_[k].value + slope * h_.seconds();
-  }
+  for (std::size_t k = 0; k < unknowns_.size(); ++k) first_x_[index(k)] = *unknowns_[k].value;
   scale_ = scale_.cwiseMax(first_x_.cwiseAbs());
+  x_ = first_x_;
+  const int degree = continues(begin) ? guess_.degree() : 1;
+  if (degree > 1) return guess_.advance(x_, degree);
+  const double last = slots_.front().last_step.seconds();
+  for (std::size_t k = 0; k < unknowns_.size(); ++k) {
+    if (unknowns_[k].derivative != nullptr) {
+      x_[index(k)] += *unknowns_[k].derivative * h_.seconds();
+    } else if (degree == 1 && last > 0) {
+      x_[index(k)] += guess_.last_change()[index(k)] * (h_.seconds() / last);
+    }
+  }
 }
+
+/// Whether the part that begins is as long as the last one, which ended there.
+bool GroupSolver::continues(Time begin) const { return slots_.front().time == begin && slots_.front().last_step == h_; }
 
 Newton::Outcome GroupSolver::step_part(Time begin, Time end) {
   begin_part(begin, end);
@@ -294,6 +319,8 @@ Newton::Outcome GroupSolver::step_part(Time begin, Time end) {
 
 void GroupSolver::accept(Time end) {
   ++counts_.steps;
+  for (std::size_t k = 0; k < unknowns_.size(); ++k) changed_[index(k)] = *unknowns_[k].value;
+  guess_.add(first_x_, changed_, scale_, continues(begin_));
   for (std::size_t i = 0; i < slots_.size(); ++i) {
     Slot& slot = slots_[i];
     slot.last_step = h_;
@@ -302,7 +329,6 @@ void GroupSolver::accept(Time end) {
     for (const Input& input : units_[i].inputs) *input.to = input.at_end(x_);
     if (units_[i].result == StepResult::kFinished && finished_ == nullptr) finished_ = &slot;
   }
-  slope_ = (x_ - first_x_) / h_.seconds();
   scale_ = scale_.cwiseMax(x_.cwiseAbs());
 }
 
@@ -362,7 +388,7 @@ std::size_t GroupSolver::state_size() const {
   const std::size_t n = unknowns_.size();
   std::size_t inputs = 0;
   for (const PerSlot& unit : units_) inputs += unit.inputs.size();
-  return n * n + 2 * n + inputs + 4;
+  return n * n + n + static_cast<std::size_t>(guess_.state_size()) + inputs + 4;
 }
 
 void GroupSolver::save(std::span<double> numbers) const {
@@ -370,7 +396,8 @@ void GroupSolver::save(std::span<double> numbers) const {
   const auto put_all = [&](const auto& matrix) { to = std::copy_n(matrix.data(), matrix.size(), to); };
   put_all(newton_.jacobian());
   put_all(scale_);
-  put_all(slope_);
+  guess_.save({to, static_cast<std::size_t>(guess_.state_size())});
+  to += guess_.state_size();
   for (const PerSlot& unit : units_) {
     for (const Input& input : unit.inputs) *to++ = input.share;
   }
@@ -385,7 +412,8 @@ void GroupSolver::restore(std::span<const double> numbers) {
   };
   get_all(newton_.jacobian());
   get_all(scale_);
-  get_all(slope_);
+  guess_.restore({from, static_cast<std::size_t>(guess_.state_size())});
+  from += guess_.state_size();
   for (PerSlot& unit : units_) {
     for (Input& input : unit.inputs) input.share = std::clamp(*from++, 0.0, 1.0);
   }

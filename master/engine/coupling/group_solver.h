@@ -6,8 +6,10 @@
 #include <string>
 #include <vector>
 
+#include "components/unit/local_memory.h"
 #include "components/unit/snapshot.h"
 #include "master/engine/coupling/bonds.h"
+#include "master/engine/coupling/extrapolation.h"
 #include "master/engine/coupling/loop_report.h"
 #include "master/engine/coupling/newton.h"
 #include "master/engine/wiring/schedule.h"
@@ -72,7 +74,7 @@ class GroupSolver final : private CoupledOutputs {
   std::string names() const;
   std::size_t unknowns() const { return unknowns_.size(); }
 
-  /// The numbers on which the next step depends: Jacobian, slopes, scales.
+  /// The numbers on which the next step depends: Jacobian, first guesses, scales.
   std::size_t state_size() const;
   void save(std::span<double> numbers) const;
   void restore(std::span<const double> numbers);
@@ -109,7 +111,9 @@ class GroupSolver final : private CoupledOutputs {
   struct PerSlot {
     std::vector<Input> inputs;
     std::vector<std::size_t> outputs;  // unknowns
-    Snapshot begin;                    // of the part
+    Snapshot begin;                    // of the part …
+    LocalMemory* local = nullptr;      // if the unit has it, `begin` has the values of the variables alone …
+    std::string memory;                // … and this the rest
     bool moved = false;                // it has stepped since it was at `begin`
     bool metered = false;
     StepResult result = StepResult::kDone;
@@ -122,6 +126,7 @@ class GroupSolver final : private CoupledOutputs {
   void find_outside();
   Newton::Outcome step_part(Time begin, Time end);
   void begin_part(Time begin, Time end);
+  bool continues(Time begin) const;
   void restore_all();
   void accept(Time end);
   bool acts_with_delay(const Eigen::VectorXd& x, std::size_t unknown, std::size_t slot, const Eigen::MatrixXd& jacobian);
@@ -129,6 +134,7 @@ class GroupSolver final : private CoupledOutputs {
   double increment(std::size_t unknown) const;
   void set_inputs(PerSlot& unit, const Eigen::VectorXd& x, Duration h);
   bool step_slot(std::size_t i, const Eigen::VectorXd& x, Duration h);
+  void save_slot(std::size_t i);
   void restore_slot(std::size_t i);
   const Slot* fail(Newton::Outcome outcome, Time at) const;
 
@@ -151,7 +157,8 @@ class GroupSolver final : private CoupledOutputs {
   std::string error_;  // of `discarded_`; empty if it only discarded
 
   Newton newton_;
-  Eigen::VectorXd x_, first_x_, probe_, changed_, scale_, slope_, y_;
+  Eigen::VectorXd x_, first_x_, probe_, changed_, scale_, y_;
+  Extrapolation guess_;
   Eigen::MatrixXd power_, square_;  // of the spectral radius
   int halvings_ = 0;                // of the last part that was made
   LoopCounts counts_;

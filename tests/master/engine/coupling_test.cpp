@@ -338,6 +338,20 @@ TEST(ImplicitCoupling, IsToldWhereStepsAreExplicitAlthoughValuesHaveNoDelay) {
   EXPECT_THAT(master.summary().warnings, Contains(AllOf(HasSubstr("a, b"), HasSubstr("coupling=implicit"))));
 }
 
+// What a polynomial through the last values predicts to the tolerance takes one step of each unit; 4 with a line.
+TEST(ImplicitCoupling, StepsUnitsLittleMoreThanOnceWhereValuesAreSmooth) {
+  Build b = lc(CouplingChoice::kImplicit, 1'000'000);
+  b.until(1);
+  Master master = load(b);
+  master.initialise();
+  while (master.step_tick()) {
+  }
+  const LoopCounts counts = master.summary().loops.at(0).counts;
+  EXPECT_LT(static_cast<double>(counts.evaluations), 2.5 * static_cast<double>(master.ticks()));
+  // Turned by 2 atan(ωh/2) in each step, as without a prediction.
+  EXPECT_NEAR(value(master, "mass.v"), std::cos(1000 * 2 * std::atan(10 * 0.001 / 2)), 1e-10);
+}
+
 TEST(ImplicitCoupling, AllocatesNothingInALoop) {
   for (const double tolerance : {0.0, 1e-4}) {
     Build b = two_mass(CouplingChoice::kImplicit, tolerance);
