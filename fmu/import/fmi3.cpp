@@ -173,12 +173,14 @@ class Foreign3 final : public ForeignInstance {
     const char* token = fmu.description.token.c_str();
     const bool co = options_.kind == InterfaceKind::kCoSimulation;
     // The callback is passed whenever the FMU declares intermediate updates, for some FMUs call it without a check for NULL.
-    const bool intermediate = interface_.provides_intermediate_update;
+    const auto update = !interface_.provides_intermediate_update ? nullptr
+                        : data_->set_inputs                      ? intermediate_update
+                                                                 : ignored_update;
     const std::vector<std::uint32_t>& inputs = options_.intermediate_inputs;
-    instance_ = co ? f_.instantiate_co_simulation(name, token, resources.c_str(), false, true, options_.event_mode, true,
-                                                  inputs.empty() ? nullptr : inputs.data(), inputs.size(), data_.get(), log,
-                                                  intermediate ? intermediate_update : nullptr)
-                   : f_.instantiate_model_exchange(name, token, resources.c_str(), false, true, data_.get(), log);
+    instance_ =
+        co ? f_.instantiate_co_simulation(name, token, resources.c_str(), false, true, options_.event_mode, true,
+                                          inputs.empty() ? nullptr : inputs.data(), inputs.size(), data_.get(), log, update)
+           : f_.instantiate_model_exchange(name, token, resources.c_str(), false, true, data_.get(), log);
     if (instance_ == nullptr) {
       throw Error(std::string(co ? "fmi3InstantiateCoSimulation" : "fmi3InstantiateModelExchange") + " returned no instance" +
                   data_->messages.take());
@@ -451,10 +453,15 @@ class Foreign3 final : public ForeignInstance {
   static void log(fmi3InstanceEnvironment environment, fmi3Status status, fmi3String category, fmi3String message) {
     CallbackData::log(environment, nullptr, word_of(status), category, message);
   }
-  static void intermediate_update(fmi3InstanceEnvironment environment, double t, bool set_requested, bool, bool, bool,
-                                  bool* early_return_requested, double* early_return_time) {
+  /// Where no inputs are set; FMUs may call it in each of their internal steps.
+  static void ignored_update(fmi3InstanceEnvironment, double t, bool, bool, bool, bool, bool* early_return_requested,
+                             double* early_return_time) {
     if (early_return_requested != nullptr) *early_return_requested = false;
     if (early_return_time != nullptr) *early_return_time = t;
+  }
+  static void intermediate_update(fmi3InstanceEnvironment environment, double t, bool set_requested, bool, bool, bool,
+                                  bool* early_return_requested, double* early_return_time) {
+    ignored_update(environment, t, set_requested, false, false, false, early_return_requested, early_return_time);
     CallbackData* const data = CallbackData::find(environment, nullptr);
     if (data == nullptr || !data->set_inputs || !set_requested) return;
     try {

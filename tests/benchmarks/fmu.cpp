@@ -1,5 +1,6 @@
 // The cost of the C interfaces of FMI: Cotwin's drive train as an FMU and as a unit in process, a scenario as one FMU and as a
 // run, and a chain of trivial FMUs in the master and in a bare loop.
+#include <sys/resource.h>
 #include <time.h>
 
 #include <algorithm>
@@ -217,8 +218,8 @@ master::Scenario chain_of(int count, const fs::path& folder, const std::string& 
   return scenario;
 }
 
-/// Both loops copy each output to the input of the next FMU and step all FMUs.
-void chain(int count, const fs::path& folder) {
+/// Both loops copy each output to the input of the next FMU and step all FMUs. Returns what the bare calls take per FMU and step, ns.
+double chain(int count, const fs::path& folder) {
   master::Master ours(chain_of(count, folder), {});
   ours.initialise();
 
@@ -259,14 +260,16 @@ void chain(int count, const fs::path& folder) {
       },
       [&] {
         for (int i = 0; i < kSteps; ++i) bare();
-      });
+      },
+      31, 2e-3, benchmark::thread_seconds);
   const double per = 1e9 / kSteps / count;
   benchmark::print({"chain of " + std::to_string(count) + " trivial FMUs in the master, per FMU and step", "ns",
                     figures.ours * per, "bare loop over the same FMUs", figures.peer * per, 2, true});
+  return figures.peer * per;
 }
 
 /// The same chain as a file, so that other masters can read it.
-void write_ssd(int count, const fs::path& folder) {
+void write_ssd(int count, const fs::path& folder, bool records) {
   chain_of(count, folder);
   std::ofstream out(folder / "SystemStructure.ssd");
   out << R"(<?xml version="1.0" encoding="UTF-8"?>
@@ -284,39 +287,63 @@ void write_ssd(int count, const fs::path& folder) {
   }
   out << R"(</ssd:Connections></ssd:System>
   <ssd:Annotations><ssc:Annotation type="cotwin.master">
-    <cotwin:Master xmlns:cotwin="urn:cotwin:master:1" tick="1 ms"><cotwin:Recording decimation="1000000000"/></cotwin:Master>
+    <cotwin:Master xmlns:cotwin="urn:cotwin:master:1" tick="1 ms">)"
+      << (records ? "" : R"(<cotwin:Recording decimation="1000000000"/>)") << R"(</cotwin:Master>
   </ssc:Annotation></ssd:Annotations>
 </ssd:SystemStructureDescription>
 )";
 }
 
+/// Processor time of the programs that a command runs, s.
 double seconds_of(const std::string& command) {
-  const auto begin = std::chrono::steady_clock::now();
+  const auto children = [] {
+    rusage usage{};
+    getrusage(RUSAGE_CHILDREN, &usage);
+    const auto seconds = [](const timeval& t) { return static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_usec); };
+    return seconds(usage.ru_utime) + seconds(usage.ru_stime);
+  };
+  const double before = children();
   if (std::system((command + " >/dev/null 2>&1").c_str()) != 0) throw std::runtime_error("failed: " + command);
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+  return children() - before;
 }
 
-/// Runs whole programs on the same SSP in turn: Cotwin, and ecos (COTWIN_ECOS: its command-line program) without recording. The
-/// cost of a step is the difference between a long and a short run.
-void chain_beside_ecos(int count, const fs::path& folder, const std::string& ecos) {
-  write_ssd(count, folder);
-  const double few = std::ceil(2e5 / count) * kStep, many = std::ceil(1e7 / count) * kStep;  // s
-  const std::string ours = "'" + cotwin::places::program() + "' run '" + (folder / "SystemStructure.ssd").string() +
-                           "' --quiet --out '" + (folder / "results").string() + "' --stop ",
-                    peer = "cd '" + folder.string() + "' && '" + ecos + "' simulate --noCsv --path '" + folder.string() +
-                           "' --stepSize " + std::to_string(kStep) + " --stopTime ";
-  std::vector<double> a, b;
-  for (int i = 0; i < 7; ++i) {
-    a.push_back(seconds_of(ours + std::to_string(many)) - seconds_of(ours + std::to_string(few)));
-    b.push_back(seconds_of(peer + std::to_string(many)) - seconds_of(peer + std::to_string(few)));
-  }
+/// Runs whole programs on the same SSP in turn: Cotwin, and ecos (COTWIN_ECOS: its command-line program) if it is given, both without a
+/// recording; then Cotwin with a recording of all values. The cost of a step is the difference between a long and a short run.
+void whole_runs(int count, const fs::path& folder, double bare) {
+  const double few = std::ceil(benchmark::shortened(2e5, 1e4) / count) * kStep,
+               many = std::ceil(benchmark::shortened(1e7, 1e5) / count) * kStep;  // s
+  const std::string in = (folder / "SystemStructure.ssd").string(), out = (folder / "results").string();
+  const std::string ours = "'" + cotwin::places::program() + "' run '" + in + "' --quiet --out '" + out + "' --stop ";
+  const auto cost = [&](const std::string& command) {
+    return (seconds_of(command + std::to_string(many)) - seconds_of(command + std::to_string(few))) * 1e9 * kStep /
+           (many - few) / count;
+  };
   const auto median = [](std::vector<double> all) {
     std::sort(all.begin(), all.end());
     return all[all.size() / 2];
   };
-  const double per = 1e9 * kStep / (many - few) / count;
-  benchmark::print({"chain of " + std::to_string(count) + " trivial FMUs, cotwin run, per FMU and step", "ns", median(a) * per,
-                    "ecos simulate --noCsv", median(b) * per, count == 1 ? 1.2 : 0.7, true});
+  const int repeats = benchmark::shortened(5, 1);
+  const std::string chain = "chain of " + std::to_string(count) + " trivial FMUs, cotwin run";
+  write_ssd(count, folder, false);
+  std::vector<double> a, b;
+  const char* const ecos = std::getenv("COTWIN_ECOS");
+  for (int i = 0; i < repeats; ++i) {
+    a.push_back(cost(ours));
+    if (ecos == nullptr) continue;
+    b.push_back(cost("cd '" + folder.string() + "' && '" + ecos + "' simulate --noCsv --path '" + folder.string() +
+                     "' --stepSize " + std::to_string(kStep) + " --stopTime "));
+  }
+  benchmark::print(
+      {chain + ", processor time per FMU and step", "ns", median(a), "bare loop over the same FMUs", bare, 150, false});
+  if (ecos != nullptr) {
+    benchmark::print({chain + ", processor time per FMU and step beside ecos", "ns", median(a), "ecos simulate --noCsv",
+                      median(b), count == 1 ? 1.2 : 0.7, true});
+  }
+  write_ssd(count, folder, true);
+  a.clear();
+  for (int i = 0; i < repeats; ++i) a.push_back(cost(ours));
+  benchmark::print({chain + " that records all values, processor time of all threads per FMU and step", "ns", median(a),
+                    "bare loop over the same FMUs", bare, 150, false});
 }
 
 /// Seconds of wall time, and of all threads.
@@ -382,14 +409,16 @@ void own_process(const fs::path& folder) {
 
 }  // namespace
 
-int main() {
+/// `fmu [chains]`: all rows, or those of chains in whole runs alone.
+int main(int argc, char** argv) {
   const fmu::TemporaryFolder folder;
+  if (argc > 1 && std::string(argv[1]) == "chains") {
+    for (const int count : {1, 10, 100}) whole_runs(count, folder.path(), chain(count, folder.path()));
+    return 0;
+  }
   for (const Version version : {Version::k2, Version::k3}) drive_train(version, folder.path());
   for (const Version version : {Version::k2, Version::k3}) whole_twin(version, folder.path());
-  for (const int count : {1, 10, 100}) chain(count, folder.path());
-  if (const char* ecos = std::getenv("COTWIN_ECOS")) {
-    for (const int count : {1, 10, 100}) chain_beside_ecos(count, folder.path(), ecos);
-  }
+  for (const int count : {1, 10, 100}) whole_runs(count, folder.path(), chain(count, folder.path()));
   for (const int count : {10, 100}) recorded_chain(count, folder.path());
   own_process(folder.path());
 }

@@ -78,3 +78,68 @@ fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference r[], size_t n
   (void)c, (void)r, (void)v;
   return n == 0 ? fmi2OK : fmi2Error;
 }
+
+/* FMI 2 requires these functions of every FMU for Co-Simulation, and some masters load none without them. */
+fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate* state) {
+  (void)c, (void)state;
+  return fmi2Error;
+}
+fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state) {
+  (void)c, (void)state;
+  return fmi2Error;
+}
+fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate* state) {
+  (void)c, (void)state;
+  return fmi2Error;
+}
+fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_t* size) {
+  (void)c, (void)state, (void)size;
+  return fmi2Error;
+}
+fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size) {
+  (void)c, (void)state, (void)bytes, (void)size;
+  return fmi2Error;
+}
+fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate* state) {
+  (void)c, (void)bytes, (void)size, (void)state;
+  return fmi2Error;
+}
+fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference unknowns[], size_t n,
+                                        const fmi2ValueReference knowns[], size_t m, const fmi2Real seed[], fmi2Real values[]) {
+  (void)c, (void)unknowns, (void)n, (void)knowns, (void)m, (void)seed, (void)values;
+  return fmi2Error;
+}
+fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference r[], size_t n, const fmi2Integer order[],
+                                       const fmi2Real v[]) {
+  (void)c, (void)r, (void)n, (void)order, (void)v;
+  return fmi2Error;
+}
+fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference r[], size_t n, const fmi2Integer order[],
+                                        fmi2Real v[]) {
+  (void)c, (void)r, (void)n, (void)order, (void)v;
+  return fmi2Error;
+}
+fmi2Status fmi2CancelStep(fmi2Component c) {
+  (void)c;
+  return fmi2Error;
+}
+fmi2Status fmi2GetStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Status* value) {
+  (void)c, (void)kind, (void)value;
+  return fmi2Error;
+}
+fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Real* value) {
+  (void)c, (void)kind, (void)value;
+  return fmi2Error;
+}
+fmi2Status fmi2GetIntegerStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Integer* value) {
+  (void)c, (void)kind, (void)value;
+  return fmi2Error;
+}
+fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Boolean* value) {
+  (void)c, (void)kind, (void)value;
+  return fmi2Error;
+}
+fmi2Status fmi2GetStringStatus(fmi2Component c, const fmi2StatusKind kind, fmi2String* value) {
+  (void)c, (void)kind, (void)value;
+  return fmi2Error;
+}
