@@ -37,62 +37,63 @@ std::vector<Finding> check_description(const ModelDescription& d) {
   const bool two = d.version == Version::k2;
   if (d.token.empty()) add(Level::kError, two ? "guid is empty" : "instantiationToken is empty");
   const DescriptionIndex index(d);
-  std::set<std::size_t> outputs;
-  for (const Unknown& u : d.structure.outputs) outputs.insert(u.variable);
+  std::vector<bool> outputs(d.variables.size());
+  for (const Unknown& u : d.structure.outputs) outputs[u.variable] = true;
   for (std::size_t i = 0; i < d.variables.size(); ++i) {
     const ModelVariable& v = d.variables[i];
-    const std::string name = "variable '" + v.name + "'";
+    const auto name = [&] { return "variable '" + v.name + "'"; };
     const bool starts = !std::holds_alternative<std::monostate>(v.start);
     const bool parameter = v.causality == Causality::kParameter || v.causality == Causality::kStructuralParameter;
     if ((parameter || v.causality == Causality::kInput || v.initial == Initial::kExact || v.initial == Initial::kApprox) &&
         v.causality != Causality::kIndependent && !starts && v.type != Type::kClock && v.type != Type::kBinary &&
         v.type != Type::kString) {
-      add(Level::kError, name + " has no start value, expected one");
+      add(Level::kError, name() + " has no start value, expected one");
     }
     if (starts && (v.initial == Initial::kCalculated || v.causality == Causality::kIndependent)) {
-      add(Level::kError, name + " is calculated and must not have a start value");
+      add(Level::kError, name() + " is calculated and must not have a start value");
     }
     if (v.variability == Variability::kContinuous && v.type != Type::kFloat64 && v.type != Type::kFloat32) {
-      add(two ? Level::kWarning : Level::kError, name + " is continuous, but not of a floating-point type");
+      add(two ? Level::kWarning : Level::kError, name() + " is continuous, but not of a floating-point type");
     }
     if (parameter && (v.variability == Variability::kDiscrete || v.variability == Variability::kContinuous)) {
-      add(Level::kError, name + " is a parameter and cannot be " + std::string(name_of(v.variability)));
+      add(Level::kError, name() + " is a parameter and cannot be " + std::string(name_of(v.variability)));
     }
     if ((v.causality == Causality::kInput || v.causality == Causality::kOutput) &&
         (v.variability == Variability::kFixed || v.variability == Variability::kTunable)) {
       add(Level::kError,
-          name + " is an " + std::string(name_of(v.causality)) + " and cannot be " + std::string(name_of(v.variability)));
+          name() + " is an " + std::string(name_of(v.causality)) + " and cannot be " + std::string(name_of(v.variability)));
     }
     const Numeric numeric = index.effective(v);
     if (is_number(v.type) && !numeric.unit.empty() && index.unit(numeric.unit) == nullptr) {
-      add(Level::kWarning, name + " has the unit '" + numeric.unit + "', which is not defined");
+      add(Level::kWarning, name() + " has the unit '" + numeric.unit + "', which is not defined");
     }
     if (const auto* start = std::get_if<std::vector<double>>(&v.start)) {
       for (const double value : *start) {
         if (!std::isfinite(value)) {
-          add(Level::kWarning, name + " has the start value " + text::to_text(value) + ", expected a finite number");
+          add(Level::kWarning, name() + " has the start value " + text::to_text(value) + ", expected a finite number");
           break;
         }
         if ((numeric.min && value < *numeric.min) || (numeric.max && value > *numeric.max)) {
-          add(Level::kWarning, name + " has a start value outside its range: " + text::to_text(value));
+          add(Level::kWarning, name() + " has a start value outside its range: " + text::to_text(value));
           break;
         }
       }
     }
-    if (v.causality == Causality::kOutput && v.type != Type::kClock && outputs.count(i) == 0)
-      add(Level::kError, name + " is an output, but not listed in ModelStructure");
+    if (v.causality == Causality::kOutput && v.type != Type::kClock && !outputs[i])
+      add(Level::kError, name() + " is an output, but not listed in ModelStructure");
   }
-  for (const std::size_t i : outputs) {
-    if (d.variables[i].causality != Causality::kOutput)
+  for (std::size_t i = 0; i < outputs.size(); ++i) {
+    if (outputs[i] && d.variables[i].causality != Causality::kOutput)
       add(Level::kError,
           "'" + d.variables[i].name + "' is listed as an output in ModelStructure, but its causality is not output");
   }
   for (const auto* list : {&d.structure.outputs, &d.structure.derivatives, &d.structure.initial_unknowns,
                            &d.structure.clocked_states, &d.structure.event_indicators}) {
-    std::set<std::size_t> seen;
+    std::vector<bool> seen(d.variables.size());
     for (const Unknown& u : *list) {
-      if (!seen.insert(u.variable).second)
+      if (seen[u.variable])
         add(Level::kError, "'" + d.variables[u.variable].name + "' appears twice in one list of ModelStructure");
+      seen[u.variable] = true;
     }
   }
   for (const auto* interface : {&d.co_simulation, &d.model_exchange}) {

@@ -278,6 +278,7 @@ class Reader {
     }
     places_ = {};
     derivatives_ = {};
+    d_.variables.shrink_to_fit();
   }
 
   /// Returns the value of our annotation of an FMI 2 input; true if it is missing.

@@ -2,6 +2,7 @@
 
 #include <cmath>
 #include <concepts>
+#include <cstring>
 #include <type_traits>
 #include <utility>
 
@@ -13,6 +14,7 @@ namespace cotwin::fmu {
 
 namespace {
 
+constexpr std::size_t kUsual = 48;                     // bytes of a variable's other texts, start value and dependencies
 constexpr std::uint64_t kMagic = 0x334e474645525443u;  // the bytes "CTREFGN3": the format and its version
 
 // The list of fields of each structure, used for writing and for reading.
@@ -86,7 +88,10 @@ concept Plain = std::is_arithmetic_v<T> || std::is_enum_v<T>;
 
 class Putter {
  public:
+  Putter() = default;
+  explicit Putter(std::string buffer) : out_(std::move(buffer)) {}
   const std::string& bytes() const { return out_.bytes(); }
+  std::string take() { return out_.take(); }
 
   void put(Plain auto value) {
     if constexpr (std::is_enum_v<decltype(value)>) {
@@ -215,15 +220,28 @@ void check(const ForeignPackage& package) {
 
 std::string serialise(const ForeignPackage& package) {
   at(package.name, [&] { check(package); });
-  Putter content;
-  content.put(package);
-  ByteWriter tail;
-  tail.text(package.start.serialise());
-  const std::string body = content.bytes() + tail.bytes();
-  ByteWriter head;
-  head.value(kMagic);
-  head.value(hash_of(body));
-  return head.bytes() + body;
+  return serialise_checked(package.name, package.folder, package.options, package.description, package.start);
+}
+
+std::string serialise_checked(const std::string& name, const std::string& folder, const LoadOptions& options,
+                              const ModelDescription& description, const Snapshot& start) {
+  std::size_t size = 0;  // about, so that the bytes of large descriptions are not copied as they grow
+  for (const ModelVariable& v : description.variables)
+    size += least_bytes<ModelVariable>() + least_bytes<Unknown>() + v.name.size() + v.description.size() + kUsual;
+  std::string buffer;
+  buffer.reserve(size);
+  Putter out(std::move(buffer));
+  out.put(kMagic);
+  out.put(std::uint64_t{0});  // the hash
+  out.put(name);
+  out.put(folder);
+  out.put(options);
+  out.put(description);
+  out.put(start.serialise());
+  std::string bytes = out.take();
+  const std::uint64_t hash = hash_of(std::string_view(bytes).substr(2 * sizeof kMagic));
+  std::memcpy(bytes.data() + sizeof kMagic, &hash, sizeof hash);
+  return bytes;
 }
 
 bool is_foreign_package(std::string_view bytes) {

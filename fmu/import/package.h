@@ -21,6 +21,9 @@ struct ForeignPackage {
 
 /// Writes a package with a version and a hash. Throws Error `name: …` for a package that deserialise_foreign() would reject.
 std::string serialise(const ForeignPackage& package);
+/// The same for the parts of a package whose description has passed the checks, as one that was read from XML has.
+std::string serialise_checked(const std::string& name, const std::string& folder, const LoadOptions& options,
+                              const ModelDescription& description, const Snapshot& start);
 bool is_foreign_package(std::string_view bytes);
 /// Reads a package. Its description passes the same checks as one from XML (fmu/description/consistency.h); folder and model
 /// identifiers are names that stay in resources/. Throws Error `place: …` otherwise, and for bytes that are damaged or not a

@@ -69,10 +69,14 @@ class Host {
 
 void Host::make() {
   std::size_t in = 0;
-  std::string bytes, folder;
-  channel_.take(bytes, in);
+  ForeignPackage package;
+  {
+    std::string bytes;  // hundreds of MB for a million variables
+    channel_.take(bytes, in);
+    package = deserialise_foreign(bytes, "the FMU's description");
+  }
+  std::string folder;
   channel_.take(folder, in);
-  ForeignPackage package = deserialise_foreign(bytes, "the FMU's description");
   auto fmu = std::make_shared<ForeignFmu>();
   fmu->name = package.name;
   fmu->folder = folder;

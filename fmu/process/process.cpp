@@ -360,7 +360,7 @@ void ProcessUnit::begin() {
   host_ = std::make_unique<HostProcess>(declared_, options_.instance_name + " (" + fmu_->name + ")", options_.timeout,
                                         options_.memory);
   std::size_t text = 0;
-  channel().append(serialise(ForeignPackage{fmu_->name, "fmu", options_, fmu_->description, {}}), text);
+  channel().append(serialise_checked(fmu_->name, "fmu", options_, fmu_->description, {}), text);
   channel().append(fs::absolute(fmu_->folder).string(), text);
   try {
     host_->call(Verb::kMake);
