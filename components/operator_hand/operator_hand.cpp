@@ -73,6 +73,7 @@ void OperatorHand::declare_settings(SettingList& s) {
   s.integer("points", 2, 2, 1000, "number of waypoints of the intention");
   s.integer("history", 1000, 2, 1'000'000, "samples kept for reaction_delay, more than reaction_delay/step");
   s.boolean("moment", false, "the hand also exerts a moment on what it grips");
+  s.integer("grips", 1, 1, 1000, "number of times that the hand grips and releases");
 }
 
 OperatorHand::OperatorHand(Settings& settings)
@@ -92,6 +93,8 @@ OperatorHand::OperatorHand(Settings& settings, std::unique_ptr<Gripped> robot)
   waypoint_p_.resize(3 * N);
   waypoint_dwell_.resize(N);
   waypoint_turn_.resize(3 * N);
+  grip_t_.assign(static_cast<std::size_t>(settings.integer("grips")), 0.0);
+  release_t_.assign(grip_t_.size(), 1e9);
   if (!robot_) return;
   for (auto* joints : {&q_, &dq_, &q_rate_, &dq_rate_, &tau_e_}) joints->resize(static_cast<std::size_t>(robot_->q.size()));
 }
@@ -109,7 +112,10 @@ void OperatorHand::take_path() {
 }
 
 double OperatorHand::grip_at(double t) const {
-  return rise(t - grip_t_, grip_duration_) * (1 - rise(t - release_t_, grip_duration_));
+  double grip = 0;
+  for (std::size_t k = 0; k < grip_t_.size(); ++k)
+    grip += rise(t - grip_t_[k], grip_duration_) * (1 - rise(t - release_t_[k], grip_duration_));
+  return grip;
 }
 
 OperatorHand::Point OperatorHand::planned(double t) const {
@@ -160,6 +166,8 @@ void OperatorHand::initialise(Time start) {
   quat_start_ = {1, 0, 0, 0};
   if (relative_) quat_start_ = {p.Q.w(), p.Q.x(), p.Q.y(), p.Q.z()};
   work_turn_ = 0;
+  const auto after = std::ranges::upper_bound(grip_t_, start.seconds());
+  taken_ = static_cast<std::int32_t>(after - grip_t_.begin());
   const Vector3 here = {p.p.x(), p.p.y(), p.p.z()};
   seen_.start(start, here);
   see(start);
@@ -167,17 +175,53 @@ void OperatorHand::initialise(Time start) {
   figures_.start({map(f_), planned(start.seconds()).p - p.p, p.v});
 }
 
+/// Energy of the hand and its springs, with arms of stiffness K.
+double OperatorHand::stored(const Vector3& K, const Point& x_i, const Point& p) const {
+  const Vector3d xi = R_.transpose() * x_i.p, vi = R_.transpose() * x_i.v, pp = R_.transpose() * p.p, pv = R_.transpose() * p.v;
+  double sum = 0;
+  for (std::size_t i = 0; i < 3; ++i) {
+    const auto axis = static_cast<Eigen::Index>(i);
+    Hand one = hand(i);
+    one.K = K[i];
+    sum += energy(one, grip_before_, {x_[i], dx_[i]}, {xi[axis], vi[axis]}, {pp[axis], pv[axis]});
+  }
+  return sum;
+}
+
+/// Grips that begin within the step: the hand takes the point where it is, and the intention goes on from there.
+void OperatorHand::take(Time now, Duration h, const Point& here) {
+  const double t = now.seconds();
+  for (; static_cast<std::size_t>(taken_) < grip_t_.size(); ++taken_) {
+    const double begin = grip_t_[static_cast<std::size_t>(taken_)], until = begin - t;
+    if (until >= h.seconds()) return;
+    if (!relative_) continue;
+    const double before = stored(K_before_, intended(t, 0), here);
+    e_ = de_ = {};
+    map(origin_) += here.p + until * here.v - planned(begin).p;
+    map(x_) = R_.transpose() * here.p;
+    map(dx_) = R_.transpose() * here.v;
+    work_.muscles += stored(K_before_, intended(t, 0), here) - before;  // the person brings the hand there
+    if (!moment_) continue;
+    Vector3d rate;
+    const Quaterniond Q_start =
+        (exponential(turned(begin, rate)).conjugate() * exponential(until * here.w) * here.Q).normalized();
+    quat_start_ = {Q_start.w(), Q_start.x(), Q_start.y(), Q_start.z()};
+  }
+}
+
 // A step:
-//   1. the person sees the gripped point, and corrects the intention by what was seen T_r ago
-//   2. stiffness and grip follow their changes
-//   3. the hand moves
-//   4. force and figures at the end
+//   1. a hand that begins to grip takes the point where it is
+//   2. the person sees the gripped point, and corrects the intention by what was seen T_r ago
+//   3. stiffness and grip follow their changes
+//   4. the hand moves
+//   5. force and figures at the end
 StepResult OperatorHand::step(Time now, Duration h) {
   check();
   const double seconds = h.seconds(), t = now.seconds();
   const Point begin = point(0), end = point(seconds);
   const Vector3 here = {begin.p.x(), begin.p.y(), begin.p.z()};
   seen_.push(now, here);
+  take(now, h, begin);
   correct(now, h);
 
   // Parts that are short against the fastest motion of the hand, so that Simpson's rule is accurate.
@@ -230,6 +274,8 @@ void OperatorHand::correct(Time now, Duration h) {
   de_ = {};
   if (correction_ == 0) return;
   const Time then = now + Duration{h.ns / 2 - Duration::from_seconds(reaction_delay_).ns};
+  const bool seen_before = taken_ > 0 && then.seconds() < grip_t_[static_cast<std::size_t>(taken_ - 1)];
+  if (relative_ && seen_before) return;  // the lag of then was not this motion's
   Vector3d p;
   if (!seen_.at(then, {p.data(), 3})) {
     throw Error("unit:operator_hand.reaction_delay",
@@ -252,16 +298,14 @@ void OperatorHand::see(Time now) {
 void OperatorHand::write_outputs(Time now, const Point& p) {
   const double t = now.seconds();
   const Point x_i = intended(t, 0);
-  const Vector3d xi = R_.transpose() * x_i.p, vi = R_.transpose() * x_i.v, pp = R_.transpose() * p.p, pv = R_.transpose() * p.v;
+  const Vector3d pp = R_.transpose() * p.p, pv = R_.transpose() * p.v;
   grip_ = grip_at(t);
-  energy_ = 0;
   Vector3d f;
   for (std::size_t i = 0; i < 3; ++i) {
     const auto axis = static_cast<Eigen::Index>(i);
-    const Deviation x{x_[i], dx_[i]}, at{pp[axis], pv[axis]};
-    f[axis] = force(hand(i), grip_, x, at);
-    energy_ += energy(hand(i), grip_before_, x, {xi[axis], vi[axis]}, at);
+    f[axis] = force(hand(i), grip_, {x_[i], dx_[i]}, {pp[axis], pv[axis]});
   }
+  energy_ = stored(K_h_, x_i, p);
   map(f_) = R_ * f;
   map(p_h_) = R_ * map(x_);
   map(v_h_) = R_ * map(dx_);
@@ -276,9 +320,16 @@ void OperatorHand::write_outputs(Time now, const Point& p) {
       robot_->J.topRows<3>().transpose().lazyProduct(map(f_)) + robot_->J.bottomRows<3>().transpose().lazyProduct(map(m_));
 }
 
-void OperatorHand::turn_robot(double t, const Point& p) {
-  Vector3d turn, rate, unused;
+/// The planned turn, axis times angle, and its rate.
+Eigen::Vector3d OperatorHand::turned(double t, Eigen::Vector3d& rate) const {
+  Vector3d turn, unused;
   turns_.at(t, {turn.data(), 3}, {rate.data(), 3}, {unused.data(), 3});
+  return turn;
+}
+
+void OperatorHand::turn_robot(double t, const Point& p) {
+  Vector3d rate;
+  const Vector3d turn = turned(t, rate);
   const Quaterniond Q_start(quat_start_[0], quat_start_[1], quat_start_[2], quat_start_[3]), further = exponential(turn);
   const Quaterniond Q_i = (further * Q_start).normalized();
   // ω_i of exp(turn(t)): the left Jacobian times the rate.

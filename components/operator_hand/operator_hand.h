@@ -2,6 +2,7 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <array>
+#include <cstdint>
 #include <memory>
 #include <string>
 #include <vector>
@@ -20,7 +21,8 @@ namespace cotwin::operator_hand {
 ///   intention   x_i(t) = path(t) + e: minimum-jerk moves through given points (Flash, Hogan, J. Neuroscience 5(7), 1985), and a
 ///               correction ė = ω_c (path − p)(t − T_r) of the lag that the person sees after the reaction delay T_r (crossover
 ///               model of McRuer and Jex, IEEE Trans. Human Factors in Electronics 8(3), 1967)
-///   hand.h      the hand on the impedance of the arm, and its grip
+///   hand.h      the hand on the impedance of the arm, and its grip, which closes and opens at given times. If `relative`, the hand takes
+///               the gripped point wherever it is then, and the waypoints are displacements from there
 ///   figures.h   force, lag and smoothness of the motion
 /// Masses, dampings and stiffnesses are principal values along three perpendicular axes (the stiffness ellipsoid of
 /// Mussa-Ivaldi, Hogan, Bizzi, J. Neuroscience 5(10), 1985), which do not turn.
@@ -57,6 +59,9 @@ class OperatorHand final : public Unit {
   void take_axes();
   void take_path();
   double grip_at(double t) const;
+  double stored(const Vector3& K, const Point& x_i, const Point& p) const;
+  void take(Time now, Duration h, const Point& here);
+  Eigen::Vector3d turned(double t, Eigen::Vector3d& rate) const;
   Point planned(double t) const;
   Point intended(double t, double since) const;
   Point point(double h);
@@ -77,7 +82,8 @@ class OperatorHand final : public Unit {
   Vector3 m_h_{0.8, 0.8, 0.8}, D_h_{25, 25, 25}, K_h_{300, 300, 300};
   Vector3 D_g_{50, 50, 50}, K_g_{5000, 5000, 5000};
   std::array<double, 4> axes_{1, 0, 0, 0};
-  double grip_t_ = 0, release_t_ = 1e9, grip_duration_ = 0.2;
+  std::vector<double> grip_t_, release_t_;
+  double grip_duration_ = 0.2;
   double reaction_delay_ = 0.2, correction_ = 0, correction_max_ = 0.1, settling_ = 0;
   Vector3 offset_{};
   // Computed from the parameters.
@@ -88,6 +94,7 @@ class OperatorHand final : public Unit {
   Vector3 K_before_{};  // stiffness and grip of the last step
   double grip_before_ = 0;
   Vector3 origin_{}, e_{}, de_{};  // of the waypoints; correction and its rate
+  std::int32_t taken_ = 0;         // grips that have begun
   DelayLine seen_;
   Work work_;
   Figures figures_;

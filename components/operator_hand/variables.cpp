@@ -45,14 +45,17 @@ void OperatorHand::declare(Variables& v) {
   v.parameter("waypoint_dwell", waypoint_dwell_, "s", "duration of the rest at each waypoint").range(0, kAny);
   v.parameter("passing", passing_,
               "rest: the intention stops at every waypoint; through: it passes waypoints without dwell with minimum jerk");
-  v.parameter("relative", relative_,
-              "waypoints are displacements: the gripped point at the start of the run is where the intention then is");
+  v.parameter(
+      "relative", relative_,
+      "waypoints are displacements: the gripped point is where the intention is at the start of the run, and again each "
+      "time the grip begins to close");
   v.parameter("m_h", m_h_, "kg", "mass of the hand along each principal axis").range(kLeastMass, kAny);
   v.parameter("axes", axes_, "1", "directions of the principal axes, unit quaternion (w, x, y, z)").range(-kAny, kAny);
   v.parameter("D_g", D_g_, "N.s/m", "damping of the grip along each principal axis").range(0, kAny);
   v.parameter("K_g", K_g_, "N/m", "stiffness of the grip along each principal axis").range(0, kAny);
-  v.parameter("grip_t", grip_t_, "s", "time at which the grip begins to close").range(-kAny, kAny);
-  v.parameter("release_t", release_t_, "s", "time at which the grip begins to open, not before grip_t").range(-kAny, kAny);
+  v.parameter("grip_t", grip_t_, "s", "times at which the grip begins to close").range(-kAny, kAny);
+  v.parameter("release_t", release_t_, "s", "times at which the grip begins to open, each not before its grip_t")
+      .range(-kAny, kAny);
   v.parameter("grip_duration", grip_duration_, "s", "duration of closing and of opening the grip").range(0, kAny);
   v.parameter("reaction_delay", reaction_delay_, "s", "time after which the person reacts to what is seen").range(0, kAny);
   v.parameter("correction_max", correction_max_, "m", "largest correction of the intention").range(0, kAny);
@@ -77,21 +80,23 @@ void OperatorHand::declare(Variables& v) {
   v.state("work_robot", work_.robot, "J", "work of the hand on the robot");
   v.state("work_dissipated", work_.dissipated, "J", "energy dissipated in arm and grip");
   figures_.declare_states(v);
-  if (!moment_) return;
-  if (!robot_) {
-    v.input("quat", quat_, "1", "orientation of what is gripped, unit quaternion (w, x, y, z)").essential();
-    v.input("w", w_, "rad/s", "angular velocity of what is gripped").rate(w_rate_).essential();
+  if (moment_) {
+    if (!robot_) {
+      v.input("quat", quat_, "1", "orientation of what is gripped, unit quaternion (w, x, y, z)").essential();
+      v.input("w", w_, "rad/s", "angular velocity of what is gripped").rate(w_rate_).essential();
+    }
+    v.output("m", m_, "N.m", "moment of the hand on the robot");
+    v.output("quat_i", quat_i_, "1", "intended orientation, unit quaternion (w, x, y, z)");
+    v.parameter("waypoint_turn", waypoint_turn_, "rad",
+                "turns of the waypoints, axis times angle: x y z of the first, then of the next; if relative, from the "
+                "orientation at the start of the run, and again each time the grip begins to close")
+        .range(-kAny, kAny);
+    v.tunable("K_r", K_r_, "N.m/rad", "rotational stiffness of arm and grip about each principal axis").range(0, kAny);
+    v.tunable("D_r", D_r_, "N.m.s/rad", "rotational damping of arm and grip about each principal axis").range(0, kAny);
+    v.state("quat_start", quat_start_, "1", "orientation that the turns of the waypoints start from");
+    v.state("work_turn", work_turn_, "J", "work of the moment on the robot");
   }
-  v.output("m", m_, "N.m", "moment of the hand on the robot");
-  v.output("quat_i", quat_i_, "1", "intended orientation, unit quaternion (w, x, y, z)");
-  v.parameter("waypoint_turn", waypoint_turn_, "rad",
-              "turns of the waypoints, axis times angle: x y z of the first, then of the next; from the orientation at the "
-              "start of the run if relative")
-      .range(-kAny, kAny);
-  v.tunable("K_r", K_r_, "N.m/rad", "rotational stiffness of arm and grip about each principal axis").range(0, kAny);
-  v.tunable("D_r", D_r_, "N.m.s/rad", "rotational damping of arm and grip about each principal axis").range(0, kAny);
-  v.state("quat_start", quat_start_, "1", "orientation that the turns of the waypoints start from");
-  v.state("work_turn", work_turn_, "J", "work of the moment on the robot");
+  v.state("taken", taken_, "number of grips that have begun");
 }
 
 void OperatorHand::check() {
@@ -111,9 +116,17 @@ void OperatorHand::check() {
   at_least("correction", {&correction_, 1}, 0, "1/s");
   at_least("K_r", K_r_, 0, "N.m/rad");
   at_least("D_r", D_r_, 0, "N.m.s/rad");
-  if (release_t_ >= grip_t_) return;
-  throw Error("unit:operator_hand.release_t",
-              "is " + text::to_text(release_t_) + " s, expected at least grip_t = " + text::to_text(grip_t_) + " s");
+  const auto refuse = [&](const char* name, std::size_t k, double is, double least, const std::string& why) {
+    const std::string index = grip_t_.size() > 1 ? "[" + std::to_string(k + 1) + "]" : "";
+    throw Error("unit:operator_hand." + (name + index),
+                "is " + text::to_text(is) + " s, expected at least " + text::to_text(least) + " s, " + why);
+  };
+  for (std::size_t k = 0; k < grip_t_.size(); ++k) {
+    if (!(release_t_[k] >= grip_t_[k])) refuse("release_t", k, release_t_[k], grip_t_[k], "when this grip begins to close");
+    if (k == 0) continue;
+    const double open = release_t_[k - 1] + grip_duration_;
+    if (!(grip_t_[k] >= open)) refuse("grip_t", k, grip_t_[k], open, "when the grip before it is open");
+  }
 }
 
 }  // namespace cotwin::operator_hand

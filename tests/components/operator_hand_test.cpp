@@ -160,6 +160,61 @@ TEST(OperatorHand, GripsAndReleasesSmoothly) {
   EXPECT_LT(largest, 2);  // N per millisecond; at once it would be 250 N
 }
 
+// Without a grip the hand has no effect, so that the point may be anywhere when it is taken.
+TEST(OperatorHand, TakesThePointWhereItIsAndGoesOnFromThere) {
+  Subject s("grips=2&points=4", {{"waypoint_t", "1 2 3 4"},
+                                 {"waypoint_p", "0 0 0  0.1 0 0  0.1 0 0.2  0 0 0"},
+                                 {"grip_t", "0.5 3.2005"},
+                                 {"release_t", "2.5 9"},
+                                 {"axes", "0.8 0.2 -0.4 0.4"}});
+  s.initialise();
+  const Vector3d first(0.3, -0.2, 0.5), second(-0.4, 0.1, 0.9), v(0.05, 0, -0.1);
+  s.put("p", first);
+  s.to(0.9);
+  EXPECT_LT(s.vector("f").norm(), 1e-9) << "closed on a point at rest, and not yet on the way";
+  EXPECT_LT((s.vector("p_i") - first).norm(), 1e-14);
+  s.to(2.3);
+  const Vector3d displaced = Vector3d(0.1, 0, 0.2 * minimum_jerk(0.3));
+  EXPECT_LT((s.vector("p_i") - first - displaced).norm(), 1e-14);
+  EXPECT_GT(s.vector("f").x(), 20) << "the held point is pulled";
+  s.to(2.8);
+  EXPECT_EQ(s.vector("f"), Vector3d::Zero());
+  s.put("v", v);
+  for (int i = 0; i < 500; ++i) {  // the point moves at constant speed, also while it is taken
+    s.put("p", second + (s.now() - 3.2005) * v);
+    Vector3d::Map(s.rate("p").data()) = v;
+    s.step();
+  }
+  const Vector3d path(0.1, 0, 0.2), at_3_3 = path - path * minimum_jerk(0.3), at_grip = path - path * minimum_jerk(0.2005);
+  EXPECT_LT((s.vector("p_i") - second - (at_3_3 - at_grip)).norm(), 1e-12);
+}
+
+TEST(OperatorHand, TakesABodyInItsOrientation) {
+  Subject s("moment=true&grips=2",
+            {{"waypoint_t", "1 5"}, {"waypoint_turn", "0.2 0 0  0 0 1.2"}, {"grip_t", "0 3"}, {"release_t", "2 9"}});
+  s.put("w", Vector3d::Zero());
+  s.initialise();
+  s.to(2.5);
+  EXPECT_EQ(s.vector("m"), Vector3d::Zero());
+  const Eigen::Quaterniond Q(Eigen::AngleAxisd(2.1, Vector3d(1, -2, 3).normalized()));
+  const double values[] = {Q.w(), Q.x(), Q.y(), Q.z()};
+  std::copy(values, values + 4, s.reals("quat").begin());
+  s.to(3);
+  s.step();
+  EXPECT_LT(s.vector("m").norm(), 1e-3) << "the turn of 120 degrees before the grip is not turned back";
+  const std::span<const double> Q_i = s.reals("quat_i");
+  EXPECT_NEAR(std::abs(Q.dot(Eigen::Quaterniond(Q_i[0], Q_i[1], Q_i[2], Q_i[3]))), 1, 1e-6);
+}
+
+TEST(OperatorHand, CorrectsOnlyTheLagThatItSawSinceItTookThePoint) {
+  Subject s("", {{"grip_t", "1"}, {"correction", "2"}, {"reaction_delay", "0.2"}});
+  s.initialise();
+  s.to(0.9);
+  s.put("p", Vector3d(0.5, 0, 0));
+  s.to(1.5);
+  EXPECT_LT((s.vector("p_i") - Vector3d(0.5, 0, 0)).norm(), 1e-14) << "the point was elsewhere before";
+}
+
 /// The point moves, with exact slopes; stiffness and grip change. Returns the error of the balance over the energy turned over.
 double leak(int parts) {
   Subject s("points=3", {{"waypoint_p", "0 0 0 0.3 0.1 0 0 0 0.2"},
@@ -298,7 +353,12 @@ TEST(OperatorHand, RefusesWhatItCannotDo) {
   EXPECT_THAT(Subject("", {{"m_h", "0.5 0 0.5"}}).error(), HasSubstr("m_h[2] = 0 kg"));
   EXPECT_THAT(Subject("", {{"K_h", "-1"}}).error(), HasSubstr("K_h[1] = -1 N/m"));
   EXPECT_THAT(Subject("", {{"axes", "0 0 0 0"}}).error(), HasSubstr("axes: the quaternion (w, x, y, z) has length 0"));
-  EXPECT_THAT(Subject("", {{"grip_t", "1"}, {"release_t", "0.5"}}).error(), HasSubstr("release_t: is 0.5 s"));
+  EXPECT_THAT(Subject("", {{"grip_t", "1"}, {"release_t", "0.5"}}).error(),
+              HasSubstr("release_t: is 0.5 s, expected at least 1 s"));
+  EXPECT_THAT(Subject("grips=2", {{"grip_t", "1 3"}, {"release_t", "2 2.5"}}).error(),
+              HasSubstr("release_t[2]: is 2.5 s, expected at least 3 s"));
+  EXPECT_THAT(Subject("grips=2", {{"grip_t", "1 2.1"}, {"release_t", "2 3"}}).error(),
+              HasSubstr("grip_t[2]: is 2.1 s, expected at least 2.2 s, when the grip before it is open"));
   EXPECT_THAT(Subject("", {{"passing", "over"}}).error(), HasSubstr("expected one of rest, through"));
   EXPECT_THAT(Subject("history=100", {{"reaction_delay", "0.2"}}).error(), HasSubstr("expected a larger setting history"));
   EXPECT_THROW(Subject("robot=lwr4&frame=tol"), Error);
