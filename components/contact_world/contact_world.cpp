@@ -16,9 +16,6 @@ namespace {
 
 using Values = std::vector<double>;
 
-/// (h ω)² of a gear and its link above which a step does not resolve their oscillation.
-constexpr double kLargestResolved = 0.3;
-
 /// h ω of a soft contact above which the mean force over a step misses more than 5 % of its peaks.
 constexpr double kResolvedSwing = 1;
 constexpr double kUnsolvedTime = 0.05;  // s; single impacts that are not solved pass unnoticed
@@ -205,6 +202,7 @@ void ContactWorld::check_inputs(Time now) const {
     check(r->prefix, "dq", r->dq);
     check(r->prefix, "tau_J", r->tau_J);
     check(r->prefix, "dtheta", r->dtheta);
+    check(r->prefix, "tau_other", r->tau_other);
     check(r->prefix, "base_p", r->base_p);
     check(r->prefix, "base_quat", r->base_quat);
     check(r->prefix, "base_v", r->base_v);
@@ -298,31 +296,6 @@ void ContactWorld::apply_last_torque(Robot& r) {
   }
 }
 
-/// τ_J at the start of the step contains K (θ − q) + D (θ̇ − q̇); its change within the step follows the motion of the link.
-/// Where the step does not resolve the oscillation of link and gear, numerical damping like that of backward differences is
-/// added: the two units see different phases of the oscillation and would otherwise excite each other. The damping bounds free
-/// oscillations; in contact, a stiff undamped gear still makes the force alternate from step to step.
-void ContactWorld::drive(Robot& r, double h) {
-  if (std::any_of(r.K.begin(), r.K.end(), [](double K) { return K > 0; })) compute_mobility(r);
-  for (std::size_t i = 0; i < r.n; ++i) {
-    if (r.placed->model.joints[i].passive) continue;
-    const double damper = r.D[i] * (r.dtheta[i] - r.dq[i]);
-    const double swing = h * h * r.K[i] * r.mobility[i];  // (h ω)²
-    const double numerical = swing > kLargestResolved ? h / 2 * r.K[i] * (1 - kLargestResolved / swing) : 0;
-    world_->set_inertia(r.parts.joints[i], r.B[i]);
-    const double tau = r.tau_J[i] + r.B[i] * r.acceleration[i];  // (2b): motor and friction torque of the last step
-    world_->set_tau(r.parts.joints[i], tau - damper, r.K[i], std::max(r.D[i], numerical), r.dtheta[i]);
-  }
-}
-
-void ContactWorld::compute_mobility(Robot& r) {
-  robot::mass_matrix(*r.mechanism, *r.data, r.vector(r.q), r.M);
-  r.root.compute(r.M);
-  r.inverse_root.setIdentity();
-  r.root.matrixL().solveInPlace(r.inverse_root);
-  for (std::size_t i = 0; i < r.n; ++i) r.mobility[i] = r.inverse_root.col(static_cast<Eigen::Index>(i)).squaredNorm();
-}
-
 StepResult ContactWorld::step(Time now, Duration duration) {
   check_inputs(now);
   const double h = duration.seconds();
@@ -369,7 +342,7 @@ void ContactWorld::write_robot(Robot& r, double h) {
     }
   }
   for (std::size_t i = 0; i < r.X_WL.size(); ++i) r.X_WL[i] = world_->poses()[r.parts.bodies[i]];
-  std::fill(r.tau_e.begin(), r.tau_e.end(), 0.0);
+  for (std::size_t i = 0; i < r.n; ++i) r.tau_e[i] = r.mean_other(i, h);
   for (Values* f : {&r.f_c, &r.base_f_c, &r.base_m_c, &r.base_f, &r.base_m}) vector3(*f).setZero();
   if (!floating_ || r.link == Link::kInside) return;
   const Pose& X_WB = world_->poses()[r.parts.base];

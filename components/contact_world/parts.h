@@ -25,7 +25,7 @@ struct ContactWorld::Robot {
         X_WL(robot.model.bodies.size()),
         V_WL(robot.model.bodies.size()) {
     for (std::vector<double>* v : {&q0, &dq0, &K, &D, &B, &q, &dq, &tau_J, &dtheta, &q_link, &dq_link, &ddq, &tau_e, &dq_before,
-                                   &tau, &acceleration, &mobility}) {
+                                   &tau_other, &tau_other_rate, &tau, &acceleration, &mobility}) {
       v->assign(n, 0.0);
     }
     for (std::size_t i = 0; i < n; ++i) q0[i] = robot::default_start(robot.model.joints[i]);
@@ -46,6 +46,9 @@ struct ContactWorld::Robot {
     return {v.data(), static_cast<Eigen::Index>(n)};
   }
 
+  /// Mean of tau_other over a step of h seconds.
+  double mean_other(std::size_t i, double h) const { return tau_other[i] + h / 2 * tau_other_rate[i]; }
+
   const scene::PlacedRobot* placed;
   Link link = Link::kInside;
   std::string prefix;
@@ -62,6 +65,7 @@ struct ContactWorld::Robot {
 
   std::vector<double> base_p0{0, 0, 0}, base_quat0{1, 0, 0, 0}, q0, dq0, K, D, B;  // parameters
   std::vector<double> q, dq, tau_J, dtheta;                                        // inputs (q, dq: outputs with link outside)
+  std::vector<double> tau_other, tau_other_rate;                                   // input with its rate
   std::vector<double> q_link, dq_link, ddq, tau_e, f_c{0, 0, 0}, base_p{0, 0, 0}, base_quat{1, 0, 0, 0};  // outputs
   std::vector<double> base_v{0, 0, 0}, base_w{0, 0, 0}, base_f_c{0, 0, 0}, base_m_c{0, 0, 0}, base_f{0, 0, 0}, base_m{0, 0, 0};
   std::vector<double> dq_before;  // state

@@ -43,7 +43,9 @@ void ContactWorld::declare_robot(Variables& v, Robot& r) {
                                "motor speed behind the gear; tau_J changes with it by (2c) within the step");
     if (std::any_of(r.K.begin(), r.K.end(), [](double K) { return K > 0; })) dtheta.essential();
   }
-  joints.output(x + "tau_e", r.tau_e, "N.m", "external joint torque J^T F of the contacts in (2a), mean over the step")
+  joints
+      .output(x + "tau_e", r.tau_e, "N.m",
+              "external joint torque in (2a), mean over the step: J^T F of the contacts, and tau_other")
       .discrete();
   joints.output(x + "q_link", r.q_link, "rad",
                 "joint position of the links in the world at the end of the step, for either value of link");
@@ -166,6 +168,14 @@ void ContactWorld::declare(Variables& v) {
   }
   for (const auto& body : bodies_) {
     if (body->foundation.any()) body->foundation.declare_state(v, body->prefix);
+  }
+  if (actuation_ == Actuation::kPrescribed) return;
+  for (const auto& robot : robots_) {
+    const JointMeasures measures(&robot->placed->model);
+    JointVariables(v, measures)
+        .input(robot->prefix + "tau_other", robot->tau_other, "N.m",
+               "external joint torque that does not come from contacts, such as that of unit:operator_hand; part of tau_e")
+        .rate(robot->tau_other_rate);
   }
 }
 

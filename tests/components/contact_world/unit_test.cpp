@@ -186,6 +186,61 @@ TEST(ContactWorld, ARobotWithoutContactHasNoExternalTorque) {
   for (std::size_t j = 0; j < 2; ++j) EXPECT_NEAR(robot.world()["q_link"][j], robot.drive()["q"][j], 2e-7);
 }
 
+// A hand at the arm: (2a) with its torque, too, with either kind of link.
+TEST(ContactWorld, OtherExternalTorquesMoveTheLinksAndAreReported) {
+  std::vector<Values> effect;
+  for (const std::string link : {"inside", "outside"}) {
+    const auto moved = [&](const Values& other) {
+      Held robot(link, "&scene=" + kFloor, {0.3, 0.2});
+      robot.initialise({0, 0});
+      robot.world().set("tau_other", other);
+      for (int i = 0; i < 100; ++i) robot.step(1e-3);
+      EXPECT_EQ(robot.world().values("tau_e"), other);
+      for (std::size_t j = 0; j < 2 && link == "inside"; ++j)
+        EXPECT_NEAR(robot.world()["q_link"][j], robot.drive()["q"][j], 2e-7) << "the prediction has the torque, too";
+      return robot.world().values("q_link");
+    };
+    const Values with = moved({40, -6}), without = moved({0, 0});
+    effect.push_back({with[0] - without[0], with[1] - without[1]});
+  }
+  EXPECT_GT(effect[0][0], 0.04);
+  for (std::size_t j = 0; j < 2; ++j) EXPECT_NEAR(effect[0][j], effect[1][j], 2e-4) << "half a percent";
+}
+
+// The floor carries what a hand presses down: the contact's torque is what is left of τ_e.
+TEST(ContactWorld, AHandPressesALinkOnTheFloor) {
+  for (const std::string link : {"inside", "outside"}) {
+    Held robot(link, "&scene=" + kData + "ice.sdf", {-0.4, -0.6});
+    robot.initialise({5, 2});
+    Subject& w = robot.world();
+    for (int i = 0; i < 4000; ++i) robot.step(1e-3);
+    const double before = w["f_c"][2];
+    // The torque of 30 N downwards at the ball's centre, whose lever hardly changes.
+    const double q1 = w["q_link"][0], q2 = w["q_link"][1];
+    w.set("tau_other", {-30 * (0.4 * std::cos(q1) + 0.35 * std::cos(q1 + q2)), -30 * 0.35 * std::cos(q1 + q2)});
+    for (int i = 0; i < 4000; ++i) robot.step(1e-3);
+    EXPECT_NEAR(w["f_c"][2] - before, 30, 0.1) << link;
+    const double x2 = 0.35 * std::cos(w["q_link"][0] + w["q_link"][1]);
+    EXPECT_NEAR(w["tau_e"][1], x2 * (w["f_c"][2] - 30), 1e-2) << link;
+  }
+}
+
+TEST(ContactWorld, OtherExternalTorquesMovePassiveJointsAndFollowTheirRate) {
+  const auto speed = [](const std::string& query, const std::string& name) {
+    Subject world("unit:contact_world?link=outside&scene=none&robot=" + kPusher + query);
+    world.set("q0", {0.3, -0.5}).initialise();
+    world.set(name, {0, 2});
+    world.step(1e-3);
+    return world["dq"][1];
+  };
+  EXPECT_NEAR(speed("&passive=elbow", "tau_other"), speed("", "tau_J"), 1e-12);
+  Subject ramp("unit:contact_world?link=outside&scene=none&robot=" + kPusher);
+  ramp.initialise();
+  ramp.variables().at("tau_other").rate[1] = 100;
+  ramp.set("tau_other", {0, 1}).step(1e-2);
+  EXPECT_NEAR(ramp["tau_e"][1], 1.5, 1e-12) << "the mean over the step";
+}
+
 // At rest on the floor, (2a): g(q) = τ_J + τ_e, with τ_e = Jᵀ (0, 0, F).
 TEST(ContactWorld, ExternalTorquesAreTheContactForceTimesItsLevers) {
   Held robot("inside", "&scene=" + kFloor, {-0.4, -0.6});
@@ -387,7 +442,8 @@ TEST(ContactWorld, ATorqueOfExactlyZeroIsATorque) {
 
 TEST(ContactWorld, PrescribedLinksHaveNoTorquePorts) {
   Subject world("unit:contact_world?actuation=prescribed&scene=none&robot=" + kPusher);
-  for (const char* name : {"tau_J", "dtheta", "K", "D", "B"}) EXPECT_EQ(world.variables().find(name), nullptr) << name;
+  for (const char* name : {"tau_J", "dtheta", "K", "D", "B", "tau_other"})
+    EXPECT_EQ(world.variables().find(name), nullptr) << name;
 }
 
 TEST(ContactWorld, TheLwrFloatsFreelyAndKeepsItsMomentum) {
