@@ -169,6 +169,7 @@ void ContactWorld::declare(Variables& v) {
   for (const auto& body : bodies_) {
     if (body->foundation.any()) body->foundation.declare_state(v, body->prefix);
   }
+  v.state("largest_swing", largest_swing_, "1", "largest contact_swing since the start");
   if (actuation_ == Actuation::kPrescribed) return;
   for (const auto& robot : robots_) {
     const JointMeasures measures(&robot->placed->model);

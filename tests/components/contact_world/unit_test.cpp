@@ -340,6 +340,31 @@ TEST(ContactWorld, NotesContactsThatItLeavesUnsolved) {
   EXPECT_THAT(notes(), ElementsAre());
 }
 
+// Steps that are taken back, such as those that measure a loop, are not part of the run.
+TEST(ContactWorld, NotesOfStiffSoftContactsForgetStepsThatAreTakenBack) {
+  const TemporaryFolder folder("swing");
+  folder.write(
+      "ball.sdf",
+      "<sdf version='1.10'><world name='w'><model name='ball'><pose>0 0 0.05 0 0 0</pose><link name='l'><inertial "
+      "auto='true'/><collision name='c'><density>1000</density><geometry><sphere><radius>0.02</radius></sphere></geometry>"
+      "</collision></link></model><model name='ground'><static>true</static><link name='l'><collision name='c'><geometry>"
+      "<plane/></geometry><surface><contact><ode><kp>1e6</kp></ode></contact></surface></collision></link></model></world></"
+      "sdf>");
+  Subject world("unit:contact_world?scene=" + (folder.path() / "ball.sdf").string());
+  world.initialise();
+  const auto notes = [&] {
+    std::vector<std::string> all;
+    world.unit().tell(all);
+    return all;
+  };
+  Snapshot before;
+  before.take(world.variables(), world.unit());
+  for (int i = 0; i < 200; ++i) world.step(1e-3);
+  EXPECT_THAT(notes(), ElementsAre(HasSubstr("times 1/ω of the stiffest soft contact")));
+  before.restore(world.variables(), world.unit());
+  EXPECT_THAT(notes(), ElementsAre());
+}
+
 TEST(ContactWorld, RefusesARobotThatStartsBeyondItsLimits) {
   const std::string source = "unit:contact_world?scene=none&robot=" + kPusher;
   const auto refusal = [&](const std::vector<double>& q0) {
