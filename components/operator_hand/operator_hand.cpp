@@ -93,8 +93,9 @@ OperatorHand::OperatorHand(Settings& settings, std::unique_ptr<Gripped> robot)
   waypoint_p_.resize(3 * N);
   waypoint_dwell_.resize(N);
   waypoint_turn_.resize(3 * N);
-  grip_t_.assign(static_cast<std::size_t>(settings.integer("grips")), 0.0);
-  release_t_.assign(grip_t_.size(), 1e9);
+  grip_t_.assign(static_cast<std::size_t>(settings.integer("grips")), kNever);
+  grip_t_[0] = 0;
+  release_t_.assign(grip_t_.size(), kNever);
   if (!robot_) return;
   for (auto* joints : {&q_, &dq_, &q_rate_, &dq_rate_, &tau_e_}) joints->resize(static_cast<std::size_t>(robot_->q.size()));
 }

@@ -17,6 +17,9 @@
 
 namespace cotwin::operator_hand {
 
+/// The default of times of further grips and of releases, s.
+constexpr double kNever = 1e9;
+
 /// The hand of a person who guides a robot (VI-C):
 ///   intention   x_i(t) = path(t) + e: minimum-jerk moves through given points (Flash, Hogan, J. Neuroscience 5(7), 1985), and a
 ///               correction ė = ω_c (path − p)(t − T_r) of the lag that the person sees after the reaction delay T_r (crossover

@@ -53,7 +53,7 @@ void OperatorHand::declare(Variables& v) {
   v.parameter("axes", axes_, "1", "directions of the principal axes, unit quaternion (w, x, y, z)").range(-kAny, kAny);
   v.parameter("D_g", D_g_, "N.s/m", "damping of the grip along each principal axis").range(0, kAny);
   v.parameter("K_g", K_g_, "N/m", "stiffness of the grip along each principal axis").range(0, kAny);
-  v.parameter("grip_t", grip_t_, "s", "times at which the grip begins to close").range(-kAny, kAny);
+  v.parameter("grip_t", grip_t_, "s", "times at which the grip begins to close; 1e9: never").range(-kAny, kAny);
   v.parameter("release_t", release_t_, "s", "times at which the grip begins to open, each not before its grip_t")
       .range(-kAny, kAny);
   v.parameter("grip_duration", grip_duration_, "s", "duration of closing and of opening the grip").range(0, kAny);
@@ -123,7 +123,7 @@ void OperatorHand::check() {
   };
   for (std::size_t k = 0; k < grip_t_.size(); ++k) {
     if (!(release_t_[k] >= grip_t_[k])) refuse("release_t", k, release_t_[k], grip_t_[k], "when this grip begins to close");
-    if (k == 0) continue;
+    if (k == 0 || grip_t_[k] >= kNever) continue;
     const double open = release_t_[k - 1] + grip_duration_;
     if (!(grip_t_[k] >= open)) refuse("grip_t", k, grip_t_[k], open, "when the grip before it is open");
   }

@@ -266,6 +266,18 @@ TEST(Stage, ShowsTwoRobotsAtTheirPlacesInAContactWorldWithItsBodies) {
   EXPECT_THAT(stage.worlds, ElementsAre("world"));
 }
 
+// Fig. 14b: twins that follow the same desired motion are one robot with ghosts, also where each has a workpiece of its own.
+TEST(Stage, ShowsStiffAndCompliantMotionAsGhosts) {
+  const Stage own = stage_of_example("10_cooperation/ghosts.ssd", recording_of({{"compliant.q", 7}, {"stiff.q", 7}}));
+  ASSERT_EQ(own.robots.size(), 1u);
+  EXPECT_THAT(words_of(own.robots[0]), ElementsAre("main compliant.q", "other stiff.q"));
+  const Stage guided =
+      stage_of_example("10_cooperation/guidance.ssd", recording_of({{"robot.q", 7}, {"twin.q_c", 7}, {"motion.q_d", 7}}));
+  ASSERT_EQ(guided.robots.size(), 1u);
+  EXPECT_THAT(words_of(guided.robots[0]), ElementsAre("main robot.q", "compliant twin.q_c", "desired motion.q_d"));
+  EXPECT_THAT(guided.remarks, IsEmpty());
+}
+
 TEST(Stage, OfARobotAloneTakesSignalsWithItsNumberOfJoints) {
   const auto model = std::make_shared<const robot::RobotModel>(
       robot::load_urdf(fs::path(places::source()) / "models/robots/planar2/robot.urdf"));
