@@ -170,6 +170,23 @@ TEST_P(UnitProperties, StepsAlikeAfterASnapshotIsRestored) {
   EXPECT_EQ(run(instance, 37, 120), first);
 }
 
+// Steps that measure a loop or are repeated are no part of the run.
+TEST_P(UnitProperties, ForgetsNotesOfStepsThatAreTakenBack) {
+  Instance instance = start();
+  if (!instance.unit->restorable()) GTEST_SKIP() << "has effects outside: its steps cannot be taken back";
+  const auto notes = [&] {
+    std::vector<std::string> all;
+    instance.unit->tell(all);
+    return all;
+  };
+  Snapshot at_start;
+  at_start.take(instance.variables, *instance.unit);
+  const std::vector<std::string> first = notes();
+  run(instance, 0, 120);
+  at_start.restore(instance.variables, *instance.unit);
+  EXPECT_EQ(notes(), first);
+}
+
 TEST_P(UnitProperties, StepsAlikeWhenAFreshInstanceTakesOverItsSnapshot) {
   Instance instance = start();
   if (!instance.unit->restorable()) GTEST_SKIP() << "has effects outside: its steps cannot be taken back";
