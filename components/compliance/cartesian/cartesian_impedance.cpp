@@ -187,7 +187,7 @@ void CartesianMotion::find_contact_stiffness(Links& links, const robot::DrivePar
                         R_R = quaternion(quat_d_before_).toRotationMatrix();
   if (omega_t_ > 0) {
     const auto bound = [&](const Impedance& z, int i) {
-      return largest_contact_stiffness({z.M(i, i), z.D(i, i), z.S(i, i)}, omega_t_, zeta_t_);
+      return largest_contact_stiffness({z.M(i, i), z.D(i, i), z.S(i, i)}, omega_t_, zeta_t_, delay_);
     };
     for (int k = 0; k < 3; ++k) {
       const auto i = static_cast<std::size_t>(k);

@@ -82,8 +82,10 @@ void CartesianMotion::declare(Variables& v) {
   }
   v.parameter("K_e", K_e_, "1", "stiffness of the environment along the axes of S_T, then of K_o, N/m and N.m/rad; 0: unknown")
       .range(0, kAny);
-  v.parameter("omega_t", omega_t_, "rad/s",
-              "bandwidth of the position control of a robot that is moved by q_c, for K_e_max; 0: the tracking of this unit")
+  v.parameter(
+       "omega_t", omega_t_, "rad/s",
+       "bandwidth of the position control of a robot that is moved by q_c, for K_e_max with the delay of the way there and "
+       "back; 0: the tracking of this unit")
       .range(0, kAny);
   v.parameter("zeta_t", zeta_t_, "1", "its damping ratio").range(0, kAny);
   v.state("contact_turn", contact_turn_, "counter of the steps in which K_e_max is computed, one frequency every 16 steps");

@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Eigenvalues>
+#include <algorithm>
 #include <cmath>
 #include <complex>
 #include <random>
@@ -74,6 +75,53 @@ TEST(ContactStiffness, SeparatesGrowingFromDecayingEigenvalues) {
   EXPECT_GT(bounded, 3000);
 }
 
+// e^(−d s) by Padé's approximant of order 2, whose phase is exact to 5e-4 for Ωd < 0.8.
+TEST(ContactStiffness, OfAPositionControlledRobotBehindADelaySeparatesGrowingFromDecayingEigenvalues) {
+  std::mt19937_64 random(2);
+  std::uniform_real_distribution<double> decade(-1, 1);
+  const auto draw = [&](double scale) { return scale * std::pow(10, decade(random)); };
+  int bounded = 0;
+  for (int round = 0; round < 5000; ++round) {
+    const double omega = draw(3), zeta = draw(1), d = draw(0.1);  // in units of the admittance's frequency
+    const SecondOrder a{1, draw(2), round % 5 == 0 ? 0.0 : 1.0};
+    const double K = largest_contact_stiffness(a, omega, zeta, d), without = largest_contact_stiffness(a, omega, zeta);
+    ASSERT_LE(K, without) << round;
+    const std::vector<double> late = {1, -d / 2, d * d / 12};
+    const auto at = [&](double K_e) {
+      std::vector<double> early = late;
+      for (double& c : early) c = std::abs(c);
+      std::vector<double> c = product(product({a.S, a.D, a.M}, {omega * omega, 2 * zeta * omega, 1}), early);
+      for (std::size_t k = 0; k < late.size(); ++k) c[k] += K_e * omega * omega * late[k];
+      return growth(c);
+    };
+    const double highest = 2 * std::max({1.0, omega, std::sqrt(K)});  // of the frequencies that decide
+    if (K < 0.01 || K > 0.99 * without || highest * d > 0.8) continue;
+    ++bounded;
+    ASSERT_LT(at(0.99 * K), 0) << round;
+    ASSERT_GT(at(1.01 * K), 0) << round;
+  }
+  EXPECT_GT(bounded, 1500);
+}
+
+// A position control that resonates in the delay: the border is the least |A/T| of all frequencies where A/T e^(jΩd) < 0.
+TEST(ContactStiffness, OfAResonatingPositionControlBehindADelayIsTheLeastOfAllCrossings) {
+  for (const double zeta : {0.01, 0.1, 0.5, 1.0}) {
+    for (const double d : {0.05, 0.4, 0.9, 2.0}) {
+      const SecondOrder a{1, 3, 1};
+      const double omega = 10;
+      double least = largest_contact_stiffness(a, omega, zeta), before = 0;  // it may be less late, too
+      for (double Omega = 1e-3; Omega < 3 * omega; Omega += 1e-4) {
+        const std::complex<double> s(0, Omega);
+        const std::complex<double> P =
+            (a.M * s * s + a.D * s + a.S) * (s * s / (omega * omega) + 2 * zeta / omega * s + 1.0) * std::exp(s * d);
+        if (P.imag() * before < 0 && P.real() < 0) least = std::min(least, std::abs(P));
+        before = P.imag();
+      }
+      EXPECT_NEAR(largest_contact_stiffness(a, omega, zeta, d), least, 2e-3 * least) << zeta << " " << d;
+    }
+  }
+}
+
 /// Of a robot of one joint with the admittance `a` in rotation about z, one whole search.
 double of_one_joint(const SecondOrder& a, FollowingRobot robot) {
   robot.J(5, 0) = robot.J_bar(0, 5) = 1;
@@ -111,6 +159,8 @@ TEST(ContactStiffness, OfARigidRobotIsBelowThatOfTheDelayOfHalfAStepAndOfItsMeas
 }
 
 TEST(ContactStiffness, OfAnUndampedAdmittanceIsZeroAndNeverNegative) {
+  EXPECT_EQ(largest_contact_stiffness({1, 0, 100}, 40, 1, 1e-3), 0);
+  EXPECT_GT(largest_contact_stiffness({1, 3, 1}, 1e6, 1e-3, 1), 0) << "10^5 crossings: a bound of them";
   EXPECT_EQ(largest_contact_stiffness({1, 0, 100}, 40, 1), 0);
   EXPECT_EQ(largest_contact_stiffness({1, 0, 0}, 40, 1), 0);
   EXPECT_EQ(largest_contact_stiffness({1, 0, 0}, 40, 0), 0);

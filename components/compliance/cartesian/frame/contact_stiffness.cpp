@@ -15,9 +15,21 @@ constexpr double kCoarsest = 1.35, kFinest = 1.002;  // ratios of two frequencie
 constexpr double kNone = 1e300;                      // N/m; finite, because states are
 constexpr double kTurn = 0.3;                        // rad; of G between them
 
+/// arg(a s² + b s + c) at s = jΩ.
+double phase(double a, double b, double c, double Omega) { return std::atan2(b * Omega, c - a * Omega * Omega); }
+
+/// |a s² + b s + c| at s = jΩ.
+double magnitude(double a, double b, double c, double Omega) { return std::hypot(c - a * Omega * Omega, b * Omega); }
+
+/// Its least value at Ω and above.
+double least_magnitude(double a, double b, double c, double Omega) {
+  const double at = c / a - b * b / (2 * a * a);  // the square of the frequency where it is least
+  return magnitude(a, b, c, std::max(Omega, std::sqrt(std::max(at, 0.0))));
+}
+
 }  // namespace
 
-double largest_contact_stiffness(const SecondOrder& admittance, double omega, double zeta) {
+double largest_contact_stiffness(const SecondOrder& admittance, double omega, double zeta, double delay) {
   // (M s² + D s + S)(s² + 2ζω s + ω²) + K_e ω² = 0: K_e is in a₀ alone.
   const auto [M, D, S] = admittance;
   const double two_zw = 2 * zeta * omega, w2 = omega * omega;
@@ -25,7 +37,24 @@ double largest_contact_stiffness(const SecondOrder& admittance, double omega, do
   const double a2 = S + two_zw * D + w2 * M;
   const double a1 = two_zw * S + w2 * D;
   if (!(a3 > 0)) return 0;
-  return std::max(a1 * (a3 * a2 - M * a1) / (a3 * a3 * w2) - S, 0.0);
+  const double at_once = std::max(a1 * (a3 * a2 - M * a1) / (a3 * a3 * w2) - S, 0.0);
+  if (delay <= 0 || at_once <= 0) return at_once;
+  // The phase grows with Ω, and is π below √(a₁/a₃). Where it is 3π, 5π … K_e may be less if A or T resonates there.
+  constexpr int kCrossings = 50, kHalvings = 24;  // to 1e-7 of the frequency
+  double least = at_once, low = 0, high = std::sqrt(a1 / a3);
+  for (int n = 0; n < kCrossings; ++n) {
+    for (int k = 0; k < kHalvings; ++k) {
+      const double Omega = (low + high) / 2;
+      const double turn = phase(M, D, S, Omega) + phase(1, two_zw, w2, Omega) + Omega * delay;
+      (turn < (2 * n + 1) * kPi ? low : high) = Omega;
+    }
+    least = std::min(least, magnitude(M, D, S, low) * magnitude(1, two_zw, w2, low) / w2);
+    const double beyond = least_magnitude(M, D, S, low) * least_magnitude(1, two_zw, w2, low) / w2;
+    if (beyond >= least) return least;
+    if (n + 1 == kCrossings) least = beyond;
+    high = (2 * n + 3) * kPi / delay;
+  }
+  return least;
 }
 
 FollowingRobot::FollowingRobot(int n)

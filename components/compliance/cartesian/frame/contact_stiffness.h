@@ -18,8 +18,10 @@ namespace cotwin::compliance {
 /// For a robot with a position controller of its own, x = T x_c with T = ω²/(s² + 2ζω s + ω²), from Routh's criterion: with a₃ = D +
 /// 2ζωM, a₂ = S + 2ζωD + ω²M, a₁ = 2ζωS + ω²D
 ///   K_e = a₁ (a₃ a₂ − M a₁)/(a₃² ω²) − S
-/// For D = 0 it is 0.
-double largest_contact_stiffness(const SecondOrder& admittance, double omega, double zeta);
+/// A delay d (s) of the loop (sensors, lines, sampling) makes it less: K_e = |A(jΩ)/T(jΩ)|, A = M s² + D s + S, at the Ω < √(a₁/a₃) where
+/// the phase arg A − arg T + Ω d is π (or 3π, 5π …, where that is less), at most
+/// that without a delay. For D = 0 it is 0.
+double largest_contact_stiffness(const SecondOrder& admittance, double omega, double zeta, double delay = 0);
 
 /// A robot of n joints that follows the compliant motion with tracking.h, linearised at rest in one position. Directions 0 to 2 are
 /// the axes of translation, 3 to 5 those of rotation.
