@@ -1,5 +1,7 @@
 #include "master/run/checkpoint.h"
 
+#include <algorithm>
+
 #include "models/foundation/support/atomic_file.h"
 #include "models/foundation/support/bytes.h"
 #include "models/foundation/support/error.h"
@@ -100,9 +102,11 @@ std::string CheckpointWriter::failure() const {
 
 void CheckpointWriter::run() {
   std::unique_lock lock(mutex_);
+  std::chrono::duration<double> wait = std::min(options_.every, kFirst);
   for (;;) {
-    const bool early = changed_.wait_for(lock, options_.every, [this] { return waiting_.has_value() || ending_; });
+    const bool early = changed_.wait_for(lock, wait, [this] { return waiting_.has_value() || ending_; });
     if (!early) {
+      wait = std::min(options_.every, 2 * wait);
       options_.due();
       changed_.wait(lock, [this] { return waiting_.has_value() || ending_; });
     }

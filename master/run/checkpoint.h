@@ -34,6 +34,9 @@ RunCheckpoint load_checkpoint(const std::filesystem::path& file);
 /// Writes checkpoints on its own thread. Each file gets a temporary name first and is then renamed.
 class CheckpointWriter {
  public:
+  /// Until the first checkpoint is due, at most: little is lost of a run that ends early. The next waits are 2, 4, 8 … times as long, up to
+  /// Options::every.
+  static constexpr std::chrono::duration<double> kFirst{1};
   struct Options {
     std::filesystem::path file;
     std::chrono::duration<double> every{10};

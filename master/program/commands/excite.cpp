@@ -60,7 +60,8 @@ void write_motion(const fs::path& place, const excitation::FourierSeries& series
 
 void write_design(std::ostream& out, const robot::RobotModel& robot, const excitation::Design& design) {
   out << robot.name << ": " << design.rank << " of " << design.base << " base parameters excited, condition number "
-      << text::to_text(design.condition, 4) << " (columns of unit length)\n\n";
+      << text::to_text(design.condition, 4)
+      << " (columns of unit length; `cotwin tune` tells that of all unknowns, with friction and motors)\n\n";
   const auto percent = [](double share) { return share > 0 ? text::to_text(100 * share, 3) + " %" : std::string("0 %"); };
   out << "of the limits of        position  speed  acceleration  torque\n";
   for (std::size_t j = 0; j < robot.joints.size(); ++j) {

@@ -319,7 +319,7 @@ void write_table(std::ostream& out, const Data& data, const Result& result) {
   for (const std::string& warning : result.excitation.warnings) out << "warning: " << warning << '\n';
   out << data.robot.name << ": " << samples_of(data, data.training->samples) << " of training, low-pass "
       << number(data.smoothing.cutoff) << " Hz, " << result.excitation.rank << " of " << result.excitation.unknowns
-      << " unknowns determined, condition " << number(result.excitation.condition) << '\n';
+      << " unknowns determined, condition number with friction and motors " << number(result.excitation.condition) << '\n';
   if (result.swarm) out << "swarm: " << swarm_sentence(*result.swarm) << ", " << number(result.swarm->seconds, 3) << " s\n";
   out << weighted_sentence(result) << "\n\ntraining, RMS in N.m\n";
   errors_table(data, result, result.evaluation.training).write_plain(out);

@@ -5,7 +5,9 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <condition_variable>
 #include <fstream>
+#include <mutex>
 #include <random>
 #include <sstream>
 
@@ -223,6 +225,24 @@ TEST_F(Saved, StateWithDamageAndACorrectHashIsAnErrorOrARun) {
     } catch (const Error&) {
     }
   }
+}
+
+TEST_F(Saved, TheFirstCheckpointIsDueSoonerThanTheNextOnes) {
+  std::mutex mutex;
+  std::condition_variable changed;
+  bool due = false;
+  CheckpointWriter::Options options;
+  options.file = folder_ / "run.checkpoint";
+  options.every = std::chrono::hours(1);
+  options.head = checkpoint_with({});
+  options.due = [&] {
+    const std::lock_guard lock(mutex);
+    due = true;
+    changed.notify_all();
+  };
+  CheckpointWriter writer(std::move(options));
+  std::unique_lock lock(mutex);
+  EXPECT_TRUE(changed.wait_for(lock, std::chrono::minutes(1), [&] { return due; }));
 }
 
 TEST_F(Saved, TheWriterKeepsTheEarlierFileWhereItCannotWriteAnother) {
