@@ -397,7 +397,7 @@ Json Writer::contacts_json() const {
   return contacts;
 }
 
-/// Forces of hands: the signals f and p of a component that belongs to a robot.
+/// Forces of hands: the signals f and p of a component that belongs to a robot, in its base, or of a hand that grips a body, in W.
 Json Writer::forces_json() const {
   Json forces = Json::array();
   for (std::size_t figure = 0; figure < stage_.robots.size(); ++figure) {
@@ -405,6 +405,14 @@ Json Writer::forces_json() const {
       if (is_recorded(prefix + "f", 3) && is_recorded(prefix + "p", 3))
         forces.push_back({{"name", prefix}, {"p", prefix + "p"}, {"f", prefix + "f"}, {"figure", figure}});
     }
+  }
+  if (content_.scenario == nullptr) return forces;
+  for (const ComponentSpec& spec : content_.scenario->components) {
+    const std::string prefix = spec.name + ".", p = prefix + "p", f = prefix + "f";
+    const bool is_known = std::ranges::any_of(forces, [&](const Json& force) { return force["name"] == prefix; });
+    if (is_known || !is_recorded(f, 3) || !is_recorded(p, 3)) continue;
+    if (is_unit(spec) && has_setting(spec.source, "grips", content_.types))
+      forces.push_back({{"name", prefix}, {"p", p}, {"f", f}, {"figure", -1}});
   }
   return forces;
 }

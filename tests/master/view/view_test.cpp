@@ -15,6 +15,7 @@
 #include "master/view/packer.h"
 #include "master/view/recorded.h"
 #include "master/view/stage.h"
+#include "master/view/stage_json.h"
 #include "models/foundation/support/error.h"
 #include "models/robot/indices.h"
 #include "models/robot/urdf/urdf.h"
@@ -276,6 +277,30 @@ TEST(Stage, ShowsStiffAndCompliantMotionAsGhosts) {
   ASSERT_EQ(guided.robots.size(), 1u);
   EXPECT_THAT(words_of(guided.robots[0]), ElementsAre("main robot.q", "compliant twin.q_c", "desired motion.q_d"));
   EXPECT_THAT(guided.remarks, IsEmpty());
+}
+
+// A hand at a robot has its force in the robot's base, a hand that grips a body in W.
+TEST(Stage, ShowsTheForcesOfHandsAtRobotsAndBodies) {
+  const fs::path root = places::source();
+  const Scenario scenario = load_scenario(root / "examples/10_cooperation/guidance.ssd");
+  const std::vector<fs::path> folders = {scenario.folder, root / "models"};
+  const Recorded recorded = recording_of({{"robot.q", 7},
+                                          {"tool_hand.p", 3},
+                                          {"tool_hand.f", 3},
+                                          {"block_hand.p", 3},
+                                          {"block_hand.f", 3},
+                                          {"world.block.p", 3},
+                                          {"world.block.f", 3}});
+  const Stage stage = stage_of(scenario, recorded, unit_types(), folders);
+  CalculatedTable calculated;
+  Packer packer;
+  std::vector<std::string> remarks;
+  const auto page = stage_json({stage, recorded, &scenario, unit_types(), folders}, {}, calculated, packer, remarks);
+  ASSERT_EQ(page.at("forces").size(), 2u) << page.at("forces").dump();
+  EXPECT_EQ(page.at("forces")[0].at("f"), "tool_hand.f");
+  EXPECT_EQ(page.at("forces")[0].at("figure"), 0);
+  EXPECT_EQ(page.at("forces")[1].at("p"), "block_hand.p");
+  EXPECT_EQ(page.at("forces")[1].at("figure"), -1);
 }
 
 TEST(Stage, OfARobotAloneTakesSignalsWithItsNumberOfJoints) {
