@@ -431,8 +431,11 @@ TEST(OperatorHand, ItsMomentIsPartOfTheJointTorquesOfAGuidedRobot) {
 }
 
 TEST(OperatorHand, GoesBackToAnEarlierStateAndAllocatesNothing) {
-  Subject s("robot=lwr4&moment=true",
-            {{"waypoint_p", "0 0 0 0.1 0.2 0.3"}, {"waypoint_turn", "0 0 0 0.1 0.2 0.3"}, {"correction", "2"}});
+  Subject s("robot=lwr4&moment=true&grips=2", {{"waypoint_p", "0 0 0 0.1 0.2 0.3"},
+                                               {"waypoint_turn", "0 0 0 0.1 0.2 0.3"},
+                                               {"correction", "2"},
+                                               {"grip_t", "0 1"},
+                                               {"release_t", "0.6 9"}});
   const auto q = s.reals("q");
   s.initialise();
   const auto run = [&](int begin, int end) {
