@@ -77,12 +77,16 @@ scene::Cell Settings::cell() {
 
   const std::string tools = text("tools");
   robot::UrdfOptions options;
-  if (choice("unphysical") == "warn") options.unphysical = robot::Unphysical::kWarn;
+  options.unphysical = unphysical_of(choice("unphysical"));
   const auto place = [&](const std::string& name, const fs::path& urdf) {
     robot::UrdfOptions own = options;
     take_joint_settings("unit:" + unit_, name, text("lock"), text("passive"), own);
     scene::PlacedRobot robot{name, robot::load_urdf(urdf, own, &found), {}};
-    robot.shapes = scene::shapes_of_urdf(urdf, robot.model, &found);
+    if (choice("robot_shapes") == "none") {
+      robot.shapes.resize(robot.model.bodies.size() + 1);
+    } else {
+      robot.shapes = scene::shapes_of_urdf(urdf, robot.model, &found);
+    }
     add_tools(
         tools, robot, [this](const std::string& tool) { return file(tool); }, found);
     cell.robots.push_back(std::move(robot));

@@ -14,4 +14,7 @@ void take_joint_settings(const std::string& place, const std::string& robot, con
 void check_joint_settings(const std::string& place, const std::set<std::string>& robots, const std::string& lock,
                           const std::string& passive);
 
+/// The choice of the setting `unphysical`.
+robot::Unphysical unphysical_of(const std::string& choice);
+
 }  // namespace cotwin

@@ -9,7 +9,7 @@ namespace cotwin {
 robot::RobotModel Settings::robot(Masses masses) {
   robot::UrdfOptions options;
   std::vector<std::string> found;
-  if (masses == Masses::kUnused || choice("unphysical") == "warn") options.unphysical = robot::Unphysical::kWarn;
+  options.unphysical = masses == Masses::kUnused ? robot::Unphysical::kWarn : unphysical_of(choice("unphysical"));
   take_joint_settings("unit:" + unit_, "", text("lock"), text("passive"), options);
   robot_ = std::make_shared<const robot::RobotModel>(robot::load_urdf(robot_file(), options, &found));
   if (masses == Masses::kUsed) {

@@ -105,6 +105,7 @@ void SettingList::cell() {
        "several robots instead, name:robot,name:robot as in left:lwr4,right:panda.urdf; the variables of each begin with its "
        "name and a dot");
   unphysical();
+  choice("robot_shapes", {"all", "none"}, "collision shapes of the robots' links; none: only tools touch something");
   joints_of_robot("; with several robots, robot/joint");
   text("tools", "",
        "collision shapes of tools that come and go, each name|frame|x y z|roll pitch yaw|URDF, separated by semicolons; attach "
@@ -119,7 +120,10 @@ void SettingList::joints_of_robot(const std::string& several) {
 }
 
 void SettingList::unphysical() {
-  choice("unphysical", {"error", "warn"}, "reaction to inertias in the URDF that no body can have");
+  choice("unphysical", {"error", "warn", "estimate"},
+         "reaction to inertias in the URDF that are missing or that no body can have: an error, used as they are with a "
+         "warning, or "
+         "replaced by the closest that a body can have and by rods of aluminium (models/robot/urdf/estimate.h)");
 }
 
 const Setting* SettingList::find(std::string_view name) const {

@@ -56,7 +56,7 @@ class SettingList {
   /// The settings that Settings::robot() reads: `robot`, `lock`, `passive` and, if the unit uses the robot's
   /// masses, `unphysical`.
   Declared robot(std::string description, bool with_masses);
-  /// The settings that Settings::cell() reads: `scene`, `robot`, `robots`, `unphysical`, `lock`, `passive`.
+  /// The settings that Settings::cell() reads: `scene`, `robot`, `robots`, `unphysical`, `robot_shapes`, `lock`, `passive`.
   void cell();
 
   std::span<const Setting> all() const { return list_; }

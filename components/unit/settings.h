@@ -55,7 +55,7 @@ class Settings {
   /// Whether the unit uses the masses of its robot, or only names and limits.
   enum class Masses { kUsed, kUnused };
   /// The robot of the setting `robot`, with the joints of `lock` locked and those of `passive` without a motor. If masses are
-  /// used, an inertia that no body can have is an Error or, with unphysical=warn, a warning. There are two definitions, chosen at link time: robot_from_urdf.cpp beside this file reads
+  /// used, an inertia that no body can have is an Error or, with another `unphysical`, a warning. There are two definitions, chosen at link time: robot_from_urdf.cpp beside this file reads
   /// robot_file(); an exported unit uses the robot that was packed with it, without XML (fmu/).
   robot::RobotModel robot(Masses masses = Masses::kUsed);
   /// The last result of robot(); nullptr if it was not called.

@@ -14,6 +14,8 @@
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/file.h"
 #include "models/foundation/support/text.h"
+#include "models/robot/urdf/estimate.h"
+#include "models/robot/urdf/units.h"
 #include "models/robot/urdf/urdf_document.h"
 
 namespace cotwin::robot {
@@ -90,9 +92,9 @@ class Builder {
   void warn(const std::string& text) const {
     if (warnings_ != nullptr) warnings_->push_back(text);
   }
-  void complain(const std::string& place, const std::string& what) const {
+  void complain(const std::string& place, const std::string& what, const std::string& consequence = "") const {
     if (options_.unphysical == Unphysical::kError) throw Error(place, what);
-    warn(place + ": " + what + "; kept unchanged");
+    warn(place + ": " + what + (consequence.empty() ? "" : "; " + consequence));
   }
 
   const UrdfDocument& document_;
@@ -148,6 +150,12 @@ std::optional<double> Builder::position_of(const UrdfDocument::Joint& joint) con
 
 void Builder::take_limits(Joint& to, const urdf::Joint& joint, const std::string& place) const {
   if (joint.limits == nullptr) return;
+  const urdf::JointLimits& limits = *joint.limits;
+  if (joint.type != urdf::Joint::CONTINUOUS && limits.lower == 0 && limits.upper == 0 && limits.effort == 0 &&
+      limits.velocity == 0) {
+    warn(place + ": all limits are 0, as exporters write where none are known; they are read as no limits");
+    return;
+  }
   if (joint.type != urdf::Joint::CONTINUOUS) {
     to.q_min = or_infinity(joint.limits->lower);
     to.q_max = or_infinity(joint.limits->upper);
@@ -157,7 +165,7 @@ void Builder::take_limits(Joint& to, const urdf::Joint& joint, const std::string
   const auto limit_of = [&](double value, const char* what) {  // 0 means "unknown" in many files
     if (value > 0) return or_infinity(value);
     if (followings_.count(joint.name) == 0)
-      warn(place + ": " + what + " limit 0 is read as no limit");  // those of mimics are not used
+      warn(place + ": " + what + " limit " + text::to_text(value) + " is read as no limit");  // those of mimics are not used
     return std::numeric_limits<double>::infinity();
   };
   to.dq_max = limit_of(joint.limits->velocity, "velocity");
@@ -167,6 +175,9 @@ void Builder::take_limits(Joint& to, const urdf::Joint& joint, const std::string
 Builder::Place Builder::move(const urdf::Joint& joint, const Place& parent) {
   const UrdfDocument::Joint& written = document_.joints.at(joint.name);
   const std::string place = document_.at(written.line) + ": joint '" + joint.name + "'";
+  if (!written.negative.empty()) {
+    complain(document_.at(written.limit_line) + ": joint '" + joint.name + "'", written.negative + " of <limit> is negative");
+  }
   if (const std::optional<double> q = position_of(written)) {
     if (!written.moves()) return {parent.body, parent.X_BL * written.X_PJ};
     robot_.locked.emplace(joint.name, *q);
@@ -278,20 +289,24 @@ void Builder::join_leader(const Mimic& mimic) {
 void Builder::visit(const urdf::Link& link, const Place& place) {
   if (!place.X_BL.p.allFinite()) throw Error(at(link.name), "the position of its frame is not finite");
   placed_[link.name] = place;
-  const Inertia inertia = inertia_of(link);
+  Inertia inertia = inertia_of(link);
+  if (const std::string why = inertia.is_nothing() ? "" : inertia.unphysical(); !why.empty()) {
+    const std::string inertial = document_.at(document_.links.at(link.name).inertial_line) + ": link '" + link.name + "'";
+    if (place.body < 0) {
+      warn(at(link.name) + ": " + why + "; it does not move, so no torque depends on it");
+    } else if (options_.unphysical != Unphysical::kEstimate) {
+      complain(inertial, why, "kept unchanged");
+    } else {
+      inertia = repaired(inertia);
+      complain(inertial, why, inertia.is_nothing() ? "not used" : "replaced by the closest that a body can have");
+    }
+  }
   Inertia& body = place.body < 0 ? robot_.base.inertia : robot_.bodies[static_cast<std::size_t>(place.body)].inertia;
   body = body + inertia.seen_from(place.X_BL);
-  if (inertia.is_nothing()) return;
-  const std::string why = inertia.unphysical();
-  if (why.empty()) return;
-  if (place.body < 0) {
-    warn(at(link.name) + ": " + why + "; it does not move, so no torque depends on it");
-  } else {
-    complain(document_.at(document_.links.at(link.name).inertial_line) + ": link '" + link.name + "'", why);
-  }
 }
 
 void Builder::check_masses() {
+  std::vector<Inertia> estimates;
   for (int i = -1; i < robot_.body_count(); ++i) {
     const Body& body = i < 0 ? robot_.base : robot_.bodies[static_cast<std::size_t>(i)];
     if (!std::isfinite(body.inertia.mass) || !body.inertia.p_LC.allFinite() || !body.inertia.I_CC.allFinite()) {
@@ -302,12 +317,21 @@ void Builder::check_masses() {
     for (const std::string& name : chosen_) {
       if (placed_.at(name).body == i) names += (names.empty() ? "'" : ", '") + name + "'";
     }
-    complain(at(body.name), "joint '" + robot_.joint_of(i).name + "' moves no mass (" + names + "), expected > 0 kg");
+    const std::string why = "joint '" + robot_.joint_of(i).name + "' moves no mass (" + names + "), expected > 0 kg";
+    if (options_.unphysical != Unphysical::kEstimate) {
+      complain(at(body.name), why, "kept unchanged");
+      continue;
+    }
+    if (estimates.empty()) estimates = estimated_inertia(robot_);
+    const Inertia& estimate = estimates[static_cast<std::size_t>(i)];
+    complain(at(body.name), why, "estimated as " + text::to_text(estimate.mass, 3) + " kg, a rod of aluminium");
+    robot_.bodies[static_cast<std::size_t>(i)].inertia = estimate;
   }
 }
 
 RobotModel Builder::build() {
   robot_.name = urdf_.getName();
+  for (const std::string& warning : document_.warnings) warn(warning);
   if (document_.gravity) robot_.gravity = *document_.gravity;
   followings_ = follow_mimics(document_, options_.locked, warnings_);
   check_passive();
@@ -344,16 +368,31 @@ RobotModel Builder::build() {
 
 }  // namespace
 
-RobotModel parse_urdf(std::string_view xml, const std::string& place, const UrdfOptions& options,
-                      std::vector<std::string>* warnings) {
-  const UrdfDocument document = read_urdf_document(xml, place);
+namespace {
+
+RobotModel build(const UrdfDocument& document, const UrdfOptions& options, std::vector<std::string>* warnings) {
   const urdf::ModelInterfaceSharedPtr urdf = parse_with_urdfdom(document);
   return Builder(document, *urdf, options, warnings).build();
 }
 
+}  // namespace
+
+RobotModel parse_urdf(std::string_view xml, const std::string& place, const UrdfOptions& options,
+                      std::vector<std::string>* warnings) {
+  return build(read_urdf_document(xml, place), options, warnings);
+}
+
 RobotModel load_urdf(const std::filesystem::path& file, const UrdfOptions& options, std::vector<std::string>* warnings) {
   constexpr std::uint64_t kLargest = 16'000'000;  // bytes; larger than any realistic robot
-  return parse_urdf(text::read_file(file, "a URDF", kLargest), file.string(), options, warnings);
+  const UrdfDocument document = read_urdf_document(text::read_file(file, "a URDF", kLargest), file.string());
+  if (!document.is_si && document.largest_angle > kLargestPlausibleAngle)
+    throw other_units(
+        document.at(document.largest_angle_line),
+        {{"rpy has an angle of " + text::to_text(document.largest_angle, 6) + " rad, more than a turn", "rpy=deg"}});
+  RobotModel robot = build(document, options, warnings);
+  if (document.is_si) return robot;
+  if (const std::vector<UnitSuspicion> found = suspect_units(robot); !found.empty()) throw other_units(document.place, found);
+  return robot;
 }
 
 }  // namespace cotwin::robot

@@ -10,8 +10,9 @@
 
 namespace cotwin::robot {
 
-/// Treatment of links with unphysical inertia (missing, zero, negative, triangle inequality violated).
-enum class Unphysical { kError, kWarn };
+/// Treatment of links with unphysical inertia (missing, zero, negative, triangle inequality violated). kEstimate replaces it as
+/// estimate.h describes.
+enum class Unphysical { kError, kWarn, kEstimate };
 
 struct UrdfOptions {
   Unphysical unphysical = Unphysical::kError;
@@ -32,7 +33,10 @@ struct UrdfOptions {
 ///
 /// Floating and planar joints, mimics of an unknown joint, of themselves or of a joint outside the chain, and xacro files are
 /// errors. Throws Error `file:line: link 'x': …`. Unphysical::kWarn keeps links without a physical inertia and adds them to
-/// `warnings`, like everything else that could be interpreted differently. Prints nothing.
+/// `warnings`, like everything else that could be interpreted differently; with it and with kEstimate negative limits of effort
+/// and speed mean no limit. Prints nothing.
+///
+/// load_urdf throws Error if the numbers look like other units of measure than SI (units.h) and the file has no <si/>.
 RobotModel load_urdf(const std::filesystem::path& file, const UrdfOptions& options = {},
                      std::vector<std::string>* warnings = nullptr);
 RobotModel parse_urdf(std::string_view xml, const std::string& place, const UrdfOptions& options = {},
@@ -41,7 +45,7 @@ RobotModel parse_urdf(std::string_view xml, const std::string& place, const Urdf
 /// Writes `robot` as a URDF that loads as the same model to the last bit, except for its history and `locked`: composite bodies as links,
 /// other frames as massless links fixed to them. Extensions, which other readers ignore: <origin R="…"/> (row by row) for
 /// rotations that roll, pitch and yaw do not represent to the last bit, <gravity xyz="…"/> for gravity other than (0, 0,
-/// −9.81), and <passive/> for joints without a motor. Throws Error for a model that a URDF cannot represent: duplicate names, joints that are not depth-first, a body
+/// −9.81), <passive/> for joints without a motor, and <si/> for numbers that units.h would not expect. Throws Error for a model that a URDF cannot represent: duplicate names, joints that are not depth-first, a body
 /// without its frame.
 std::string to_urdf(const RobotModel& robot);
 

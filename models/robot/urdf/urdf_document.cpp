@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
 #include <initializer_list>
 #include <limits>
 #include <set>
@@ -73,8 +74,8 @@ class Reader {
   double real(XMLElement& element, const char* attribute) const;
   std::vector<double> reals(XMLElement& element, const char* attribute, std::size_t count) const;
   Eigen::Vector3d vector(XMLElement& element, const char* attribute) const;
-  Pose origin(XMLElement& parent) const;
-  void limits(XMLElement& joint, const std::string& type) const;
+  Pose origin(XMLElement& parent);
+  void limits(XMLElement& element, UrdfDocument::Joint& joint) const;
 
   void read_link(XMLElement& element);
   void read_joint(XMLElement& element);
@@ -169,7 +170,7 @@ Eigen::Vector3d Reader::vector(XMLElement& element, const char* attribute) const
 }
 
 /// <origin>: xyz, rpy, and R, which to_urdf adds if roll, pitch and yaw do not give the rotation to the last bit.
-Pose Reader::origin(XMLElement& parent) const {
+Pose Reader::origin(XMLElement& parent) {
   XMLElement* const element = child(parent, "origin");
   if (element == nullptr) return {};
   keep_attributes(*element, {"xyz", "rpy", "R"});
@@ -178,6 +179,10 @@ Pose Reader::origin(XMLElement& parent) const {
   if (element->Attribute("xyz") != nullptr) X.p = vector(*element, "xyz");
   if (element->Attribute("rpy") != nullptr) {
     const Eigen::Vector3d rpy = vector(*element, "rpy");
+    if (const double largest = rpy.cwiseAbs().maxCoeff(); largest > document_.largest_angle) {
+      document_.largest_angle = largest;
+      document_.largest_angle_line = element->GetLineNum();
+    }
     X.R = rotation_from_rpy(rpy[0], rpy[1], rpy[2]);
   }
   if (element->Attribute("R") != nullptr) {
@@ -193,12 +198,13 @@ Pose Reader::origin(XMLElement& parent) const {
 }
 
 /// <limit>: writes values beyond ±kNoLimit, which mean no limit, as ±kNoLimit.
-void Reader::limits(XMLElement& joint, const std::string& type) const {
-  XMLElement* const limit = child(joint, "limit");
+void Reader::limits(XMLElement& element, UrdfDocument::Joint& joint) const {
+  XMLElement* const limit = child(element, "limit");
   if (limit == nullptr) {
-    if (type != "continuous") fail(joint.GetLineNum(), "a " + type + " joint needs a <limit>");
+    if (joint.type != "continuous") fail(element.GetLineNum(), "a " + joint.type + " joint needs a <limit>");
     return;
   }
+  joint.limit_line = limit->GetLineNum();
   keep_attributes(*limit, {"lower", "upper", "effort", "velocity"});
   keep_children(*limit, {});
   const auto value_of = [&](const char* attribute, double missing) {
@@ -209,7 +215,7 @@ void Reader::limits(XMLElement& joint, const std::string& type) const {
   };
   for (const char* attribute : {"effort", "velocity"}) {
     if (limit->Attribute(attribute) == nullptr) fail(limit->GetLineNum(), std::string("<limit> without '") + attribute + "'");
-    if (value_of(attribute, 0) < 0) fail(limit->GetLineNum(), std::string(attribute) + " of <limit> is negative");
+    if (value_of(attribute, 0) < 0) joint.negative = attribute;
   }
   const double lower = value_of("lower", 0), upper = value_of("upper", 0);  // default of URDF: 0
   if (lower > upper || lower >= kNoLimit || upper <= -kNoLimit) {
@@ -300,7 +306,7 @@ void Reader::read_joint(XMLElement& element) {
       const double kRounding = 8 * std::numeric_limits<double>::epsilon();  // keeps the bits of a unit vector of to_urdf
       joint.axis = std::abs(written.squaredNorm() - 1) <= kRounding ? written : written.stableNormalized();
     }
-    limits(element, type);
+    limits(element, joint);
     if (XMLElement* const dynamics = child(element, "dynamics")) {
       keep_attributes(*dynamics, {"damping", "friction"});
       keep_children(*dynamics, {});
@@ -339,6 +345,12 @@ UrdfDocument Reader::read(std::string_view xml) {
   if (xacro.line != 0) throw Error(document_.at(xacro.line), std::string("an element of xacro, expected a URDF; ") + kExpand);
 
   keep_attributes(*robot, {"name", "version"});
+  if (robot->Attribute("name") == nullptr) {
+    const std::string stem = std::filesystem::path(place).stem().string();
+    const std::string name = is_urdf_name(stem) ? stem : "robot";
+    robot->SetAttribute("name", name.c_str());
+    document_.warnings.push_back(document_.at(robot->GetLineNum()) + ": <robot> without 'name', called '" + name + "'");
+  }
   name_in(*robot, "name");
   for (tinyxml2::XMLNode* node = robot->FirstChild(); node != nullptr;) {
     tinyxml2::XMLNode* const next = node->NextSibling();
@@ -351,6 +363,7 @@ UrdfDocument Reader::read(std::string_view xml) {
     } else {
       owner_.clear();
       if (kind == "gravity" && element->Attribute("xyz") != nullptr) document_.gravity = vector(*element, "xyz");
+      if (kind == "si") document_.is_si = true;
       robot->DeleteChild(node);
     }
     node = next;

@@ -31,6 +31,8 @@ struct UrdfDocument {
     int mimic_line = 0;
     double multiplier = 1, offset = 0;
     bool passive = false;
+    std::string negative;  // the limit of effort or velocity that is negative; "": none
+    int limit_line = 0;
 
     bool moves() const { return type != "fixed"; }
   };
@@ -41,6 +43,10 @@ struct UrdfDocument {
   std::map<std::string, Link> links;
   std::map<std::string, Joint> joints;
   std::optional<Eigen::Vector3d> gravity;  // <gravity xyz="…"/> in <robot>: an extension, see to_urdf
+  bool is_si = false;                      // <si/> in <robot>, an extension: units.h does not look for other units of measure
+  double largest_angle = 0;                // of all rpy, as written
+  int largest_angle_line = 0;
+  std::vector<std::string> warnings;  // what could be read differently
 
   std::string at(int line) const { return place + ":" + std::to_string(line); }
 };

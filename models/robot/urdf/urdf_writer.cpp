@@ -7,6 +7,7 @@
 
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
+#include "models/robot/urdf/units.h"
 #include "models/robot/urdf/urdf.h"
 #include "models/robot/urdf/urdf_document.h"
 
@@ -187,6 +188,10 @@ std::string Writer::write() {
   printer_.PushHeader(false, true);
   printer_.OpenElement("robot");
   attribute("name", robot_.name);
+  if (!suspect_units(robot_).empty()) {
+    printer_.OpenElement("si");
+    printer_.CloseElement();
+  }
   if (robot_.gravity != RobotModel{}.gravity) leaf("gravity", "xyz", numbers(robot_.gravity.data(), 3));
   for (const Frame& frame : robot_.frames) link(frame);
   for (const int body : robot_.depth_first()) joint(body);

@@ -7,6 +7,7 @@
 
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/file.h"
+#include "models/foundation/support/text.h"
 #include "models/scene/mesh.h"
 #include "models/scene/urdf/urdf_geometry.h"
 
@@ -57,11 +58,27 @@ bool ShapeReader::read_mesh(const XMLElement& mesh, Shape& shape) const {
   }
 }
 
+/// Whether a length of a shape is 0, as in URDFs in which a shape stands for a point or for nothing.
+bool is_empty(const XMLElement& shape) {
+  for (const char* attribute : {"size", "radius", "length"}) {
+    const char* const text = shape.Attribute(attribute);
+    if (text == nullptr) continue;
+    for (const std::string_view word : text::split(text, ' ')) {
+      if (!text::trim(word).empty() && text::parse_real(word) == 0.0) return true;
+    }
+  }
+  return false;
+}
+
 bool ShapeReader::read_geometry(const XMLElement& collision, Shape& shape) const {
   const XMLElement* const geometry = collision.FirstChildElement("geometry");
   const XMLElement* const kind = geometry != nullptr ? geometry->FirstChildElement() : nullptr;
   if (kind == nullptr) throw Error(at(collision), "<collision> without a geometry");
   const std::string_view name = kind->Name();
+  if (name != "mesh" && is_empty(*kind)) {
+    warn(*kind, "<" + std::string(name) + "> of length 0 is ignored");
+    return false;
+  }
   if (name == "box") {
     shape.type = ShapeType::kBox;
     shape.size = urdf_vector(file_, *kind, "size", Vector3d::Zero());

@@ -427,7 +427,7 @@ TEST(Urdf, OtherDocumentsAreRefused) {
   EXPECT_EQ(refusal_of(std::string("<robot\0/>", 9)), "arm.urdf: not UTF-8 text, expected a URDF");
   EXPECT_EQ(refusal_of("<!-- nothing -->"), "arm.urdf: no XML element, expected <robot>");
   EXPECT_EQ(refusal_of("<sdf/>"), "arm.urdf:1: root element <sdf>, expected <robot>");
-  EXPECT_EQ(refusal_of("<robot/>"), "arm.urdf:1: <robot> without 'name'");
+  EXPECT_EQ(refusal_of("<robot/>"), "arm.urdf:1: a robot without links");
   EXPECT_EQ(refusal_of("<robot name=\"r\"/>"), "arm.urdf:1: a robot without links");
   EXPECT_THAT(refusal_of("<robot name=\"r\">\n<link></robot>"), StartsWith("arm.urdf:2: not well-formed XML: "));
   EXPECT_THAT(refusal_of(arm_but("<robot name", "<robot version=\"7.0\" name")),
@@ -508,6 +508,31 @@ TEST(Urdf, ImplausibleLimitsAndAxesAreReported) {
   EXPECT_EQ(parsed(arm_but("effort=\"4\"", "effort=\"0\"")).joints[0].tau_max, kInfinity);
   EXPECT_THAT(warnings_of(arm_but("lower=\"-1\" upper=\"2\" ", "")),
               ElementsAre("arm.urdf:4: joint 'turn': lower and upper limit are both 0; the joint cannot move"));
+}
+
+TEST(Urdf, LimitsThatAreAllZeroAreNone) {
+  const std::string xml = arm_but("lower=\"-1\" upper=\"2\" velocity=\"3\" effort=\"4\"", "velocity=\"0\" effort=\"0\"");
+  EXPECT_THAT(warnings_of(xml),
+              ElementsAre("arm.urdf:4: joint 'turn': all limits are 0, as exporters write where none are known; "
+                          "they are read as no limits"));
+  const Joint joint = parsed(xml).joints[0];
+  EXPECT_EQ(joint.q_max, kInfinity);
+  EXPECT_EQ(joint.q_min, -kInfinity);
+  EXPECT_EQ(joint.tau_max, kInfinity);
+}
+
+TEST(Urdf, NegativeLimitsAreNoneOnRequest) {
+  const std::string xml = arm_but("effort=\"4\"", "effort=\"-1\"");
+  EXPECT_EQ(refusal_of(xml), "arm.urdf:4: joint 'turn': effort of <limit> is negative");
+  EXPECT_EQ(parsed(xml, {Unphysical::kWarn, ""}).joints[0].tau_max, kInfinity);
+  EXPECT_THAT(warnings_of(xml), ElementsAre("arm.urdf:4: joint 'turn': effort of <limit> is negative",
+                                            "arm.urdf:4: joint 'turn': effort limit -1 is read as no limit"));
+}
+
+TEST(Urdf, ARobotWithoutANameIsCalledAfterItsFile) {
+  const std::string xml = arm_but("<robot name=\"r\"", "<robot");
+  EXPECT_EQ(parse_urdf(xml, "some/where/picker.urdf").name, "picker");
+  EXPECT_THAT(warnings_of(xml), ElementsAre("arm.urdf:1: <robot> without 'name', called 'arm'"));
 }
 
 TEST(Urdf, ShapesAndExtensionsDoNotMatter) {

@@ -671,10 +671,24 @@ TEST(UrdfShapes, OfInvalidElementsAreErrors) {
         "robot.urdf", "<robot name=\"r\"><link name=\"base\"><collision>" + geometry + "</collision></link></robot>");
     return error_of([&] { shapes_of_urdf(file, robot::load_urdf(file)); });
   };
-  EXPECT_THAT(with("<geometry><sphere radius=\"0\"/></geometry>"),
-              HasSubstr("robot.urdf:1: <sphere> with radius=\"0\", expected a length > 0"));
+  EXPECT_THAT(with("<geometry><sphere radius=\"-1\"/></geometry>"),
+              HasSubstr("robot.urdf:1: <sphere> with radius=\"-1\", expected a length > 0"));
   EXPECT_THAT(with("<geometry><box size=\"1 1\"/></geometry>"), HasSubstr("expected three numbers"));
   EXPECT_THAT(with("<geometry/>"), HasSubstr("<collision> without a geometry"));
+}
+
+TEST(UrdfShapes, OfLengthZeroAreIgnored) {
+  const TemporaryFolder folder("scene");
+  for (const std::string shape :
+       {R"(sphere radius="0")", R"(cylinder radius="0.1" length="0")", R"(cylinder radius="0.0" length="1")",
+        R"(box size="1 0 1")", R"(capsule radius="0" length="1")"}) {
+    const fs::path file = folder.write("robot.urdf", "<robot name=\"r\"><link name=\"base\"><collision><geometry><" + shape +
+                                                         "/></geometry></collision><collision><geometry><sphere radius=\"1\"/>"
+                                                         "</geometry></collision></link></robot>");
+    std::vector<std::string> warnings;
+    EXPECT_EQ(shapes_of_urdf(file, robot::load_urdf(file), &warnings)[0].size(), 1u) << shape;
+    EXPECT_THAT(warnings, ElementsAre(HasSubstr("of length 0 is ignored")));
+  }
 }
 
 // Scenes of the repository --------------------------------------------------------------------------------------------------

@@ -1,0 +1,121 @@
+#include "models/robot/urdf/units.h"
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <utility>
+
+#include "models/foundation/support/text.h"
+#include "models/robot/urdf/estimate.h"
+
+namespace cotwin::robot {
+
+namespace {
+
+constexpr double kDegree = M_PI / 180;
+constexpr double kPound = 0.45359237, kInch = 0.0254;
+
+struct Quantity {
+  const char* name;
+  double UrdfUnits::*factor;
+  std::vector<std::pair<const char*, double>> units;
+};
+
+const std::vector<Quantity>& quantities() {
+  static const std::vector<Quantity> all = {
+      {"length", &UrdfUnits::length, {{"m", 1}, {"cm", 1e-2}, {"mm", 1e-3}, {"in", kInch}}},
+      {"mass", &UrdfUnits::mass, {{"kg", 1}, {"g", 1e-3}, {"lb", kPound}}},
+      {"inertia",
+       &UrdfUnits::inertia,
+       {{"kg.m2", 1}, {"kg.cm2", 1e-4}, {"kg.mm2", 1e-6}, {"g.m2", 1e-3}, {"g.cm2", 1e-7}, {"g.mm2", 1e-9}}},
+      {"limit", &UrdfUnits::limit, {{"rad", 1}, {"deg", kDegree}}},
+      {"speed", &UrdfUnits::speed, {{"rad/s", 1}, {"deg/s", kDegree}, {"rpm", M_PI / 30}}},
+      {"rpy", &UrdfUnits::rpy, {{"rad", 1}, {"deg", kDegree}}}};
+  return all;
+}
+
+/// The length of which the reach is that of a robot: 5 cm to 10 m.
+std::string plausible_length(double reach) { return reach * 1e-3 >= 0.15 ? "mm" : reach * 1e-2 <= 10 ? "cm" : "mm"; }
+
+}  // namespace
+
+UrdfUnits parse_urdf_units(const std::string& text, const std::string& place) {
+  UrdfUnits units;
+  if (text == "si") return units;
+  bool inertia_given = false;
+  for (const std::string_view entry : text::split(text, ',')) {
+    const std::size_t equals = entry.find('=');
+    const std::string name(text::trim(entry.substr(0, equals)));
+    const std::string unit(equals == std::string_view::npos ? "" : text::trim(entry.substr(equals + 1)));
+    std::vector<std::string> names;
+    for (const Quantity& q : quantities()) names.emplace_back(q.name);
+    const auto quantity = std::ranges::find(quantities(), name, [](const Quantity& q) { return std::string(q.name); });
+    if (quantity == quantities().end()) {
+      throw Error(place, "'" + std::string(text::trim(entry)) + "', expected si, or quantities with their units as in " +
+                             "length=mm,mass=g; quantities: " + text::joined(names));
+    }
+    std::vector<std::string> known;
+    for (const auto& [word, factor] : quantity->units) known.emplace_back(word);
+    const auto found = std::ranges::find(known, unit);
+    if (found == known.end())
+      throw Error(place, "'" + std::string(text::trim(entry)) + "', expected one of the units " + text::joined(known));
+    units.*quantity->factor = quantity->units[static_cast<std::size_t>(found - known.begin())].second;
+    inertia_given = inertia_given || name == "inertia";
+  }
+  if (!inertia_given) units.inertia = units.mass * units.length * units.length;
+  return units;
+}
+
+std::vector<UnitSuspicion> suspect_units(const RobotModel& robot) {
+  constexpr double kReach = 20, kMass = 100, kDensity = 2500;  // m, kg, kg/m³
+  constexpr double kLimit = 20, kSpeed = 30, kDegrees = 1100;  // rad, rad/s; three turns in degrees
+  const auto number = [](double x) { return text::to_text(x, 3); };
+  std::vector<UnitSuspicion> found;
+  const double reach = reach_of(robot);
+  if (reach > kReach) {
+    std::string farthest;
+    double step = 0;
+    for (int body = 0; body < robot.body_count(); ++body) {
+      const Joint& joint = robot.joint_of(body);
+      if (joint.parent < 0 || joint.X_PJ.p.norm() <= step) continue;
+      step = joint.X_PJ.p.norm();
+      farthest = "; joint '" + joint.name + "' is " + number(step) + " m from the one before";
+    }
+    found.push_back({"the robot reaches " + number(reach) + " m" + farthest, "length=" + plausible_length(reach)});
+  }
+  double mass = 0;
+  for (const Body& body : robot.bodies) mass += body.inertia.mass;
+  const double length = reach > kReach ? reach * (plausible_length(reach) == "mm" ? 1e-3 : 1e-2) : reach;
+  if (mass > kMass && length > 0 && mass > kDensity * length * length * length)
+    found.push_back({"its moving links weigh " + number(mass) + " kg with a reach of " + number(length) + " m", "mass=g"});
+  const Joint* far = nullptr;
+  int limited = 0, in_degrees = 0, fast = 0;
+  for (const Joint& joint : robot.joints) {
+    if (joint.type != JointType::kRevolute || !std::isfinite(joint.q_max - joint.q_min)) continue;
+    ++limited;
+    const double most = std::max(std::abs(joint.q_min), std::abs(joint.q_max));
+    if (joint.dq_max > kSpeed && joint.dq_max < kDegrees) ++fast;
+    if (!(most > kLimit && most < kDegrees)) continue;
+    ++in_degrees;
+    if (far == nullptr) far = &joint;
+  }
+  if (far != nullptr && 2 * in_degrees >= limited) {
+    found.push_back({"the limits of joint '" + far->name + "' are " + number(far->q_min) + " and " + number(far->q_max) +
+                         " rad, " + number((far->q_max - far->q_min) / (2 * M_PI)) + " turns",
+                     2 * fast >= limited ? "limit=deg,speed=deg/s" : "limit=deg"});
+  }
+  return found;
+}
+
+OtherUnits other_units(const std::string& place, const std::vector<UnitSuspicion>& found) {
+  std::string what, units;
+  for (const UnitSuspicion& suspicion : found) {
+    text::append(what, suspicion.what, "; ");
+    text::append(units, suspicion.units, ",");
+  }
+  return {place + ": " + what + ". Not in SI? cotwin new --urdf-units " + units +
+              " reads it so and writes it in SI (robot.urdf); --urdf-units si takes it as it is",
+          units};
+}
+
+}  // namespace cotwin::robot

@@ -1,0 +1,127 @@
+#include "models/scene/urdf/urdf_in_si.h"
+
+#include <tinyxml2.h>
+
+#include <map>
+#include <optional>
+#include <string_view>
+
+#include "models/foundation/formats/xml_reason.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/file.h"
+#include "models/foundation/support/text.h"
+#include "models/scene/urdf/urdf_geometry.h"
+
+namespace cotwin::scene {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+using robot::UrdfUnits;
+using tinyxml2::XMLElement;
+
+/// Without the last digits, which the product with a factor such as 1e-6 changes.
+constexpr int kDigits = 15;
+
+class Converter {
+ public:
+  Converter(const fs::path& file, const UrdfUnits& units) : file_(file), units_(units) {}
+
+  std::string convert() {
+    tinyxml2::XMLDocument document;
+    const std::string xml = text::read_file(file_, "a URDF", 16'000'000);
+    if (document.Parse(xml.data(), xml.size()) != tinyxml2::XML_SUCCESS) {
+      throw Error(file_.string() + ":" + std::to_string(document.ErrorLineNum()),
+                  "not well-formed XML: " + xml::reason(document));
+    }
+    XMLElement* const root = document.RootElement();
+    if (root == nullptr) throw Error(file_.string(), "no XML element, expected <robot>");
+    for (const XMLElement* joint = root->FirstChildElement("joint"); joint != nullptr;
+         joint = joint->NextSiblingElement("joint"))
+      slides_[name_of(*joint)] = std::string_view(text_of(*joint, "type")) == "prismatic";
+    visit(*root);
+    if (root->FirstChildElement("si") == nullptr) root->InsertFirstChild(document.NewElement("si"));
+    tinyxml2::XMLPrinter printer;
+    document.Print(&printer);
+    return printer.CStr();
+  }
+
+ private:
+  static const char* text_of(const XMLElement& element, const char* attribute) {
+    const char* const text = element.Attribute(attribute);
+    return text == nullptr ? "" : text;
+  }
+  static std::string name_of(const XMLElement& element) { return text_of(element, "name"); }
+
+  void scale(XMLElement& element, const char* attribute, double factor) const {
+    const char* const written = element.Attribute(attribute);
+    if (written == nullptr || factor == 1) return;
+    std::string spelled;
+    for (const std::string_view word : text::split(written, ' ')) {
+      if (text::trim(word).empty()) continue;
+      const std::optional<double> number = text::parse_real(text::trim(word));
+      if (!number) {
+        throw Error(place_in_urdf(file_, element),
+                    std::string(attribute) + " '" + std::string(word) + "' of <" + element.Name() + ">, expected a number");
+      }
+      text::append(spelled, text::to_text(*number * factor, kDigits), " ");
+    }
+    element.SetAttribute(attribute, spelled.c_str());
+  }
+
+  void visit(XMLElement& element) const {
+    const std::string_view name = element.Name();
+    if (name == "origin") {
+      scale(element, "xyz", units_.length);
+      scale(element, "rpy", units_.rpy);
+    } else if (name == "box") {
+      scale(element, "size", units_.length);
+    } else if (name == "sphere" || name == "cylinder" || name == "capsule") {
+      scale(element, "radius", units_.length);
+      scale(element, "length", units_.length);
+    } else if (name == "mesh") {
+      mesh(element);
+    } else if (name == "mass") {
+      scale(element, "value", units_.mass);
+    } else if (name == "inertia") {
+      for (const char* moment : {"ixx", "ixy", "ixz", "iyy", "iyz", "izz"}) scale(element, moment, units_.inertia);
+    } else if (name == "joint") {
+      joint(element);
+    }
+    for (XMLElement* inner = element.FirstChildElement(); inner != nullptr; inner = inner->NextSiblingElement()) visit(*inner);
+  }
+
+  void mesh(XMLElement& element) const {
+    if (element.Attribute("scale") == nullptr) element.SetAttribute("scale", "1 1 1");
+    scale(element, "scale", units_.length);
+    const auto found = find_urdf_mesh(file_, text_of(element, "filename"));
+    if (found) element.SetAttribute("filename", fs::absolute(*found).lexically_normal().c_str());
+  }
+
+  void joint(XMLElement& element) const {
+    const bool slides = std::string_view(text_of(element, "type")) == "prismatic";
+    const double position = slides ? units_.length : units_.limit;
+    if (XMLElement* const limit = element.FirstChildElement("limit")) {
+      scale(*limit, "lower", position);
+      scale(*limit, "upper", position);
+      scale(*limit, "velocity", slides ? units_.length : units_.speed);
+    }
+    if (XMLElement* const mimic = element.FirstChildElement("mimic")) {
+      const auto leader = slides_.find(text_of(*mimic, "joint"));
+      const bool leader_slides = leader != slides_.end() && leader->second;
+      scale(*mimic, "offset", position);
+      if (leader_slides != slides) scale(*mimic, "multiplier", position / (leader_slides ? units_.length : units_.limit));
+    }
+  }
+
+  const fs::path& file_;
+  const UrdfUnits& units_;
+  std::map<std::string, bool> slides_;  // joints, whether prismatic
+};
+
+}  // namespace
+
+std::string urdf_in_si(const fs::path& file, const UrdfUnits& units) { return Converter(file, units).convert(); }
+
+}  // namespace cotwin::scene

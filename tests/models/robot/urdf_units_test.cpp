@@ -1,0 +1,202 @@
+// Numbers of URDFs that are not in SI are noticed, and missing inertias are estimated.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <cmath>
+
+#include "models/foundation/support/error.h"
+#include "models/numerics/dense.h"
+#include "models/robot/urdf/estimate.h"
+#include "models/robot/urdf/units.h"
+#include "models/robot/urdf/urdf.h"
+#include "models/scene/urdf/urdf_in_si.h"
+#include "models/scene/urdf/urdf_shapes.h"
+#include "tests/support/files.h"
+#include "tests/support/places.h"
+
+namespace cotwin::robot {
+namespace {
+
+using cotwin::testing::TemporaryFolder;
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+using ::testing::SizeIs;
+
+/// An arm of 0.9 m with a slide and a gripper, its numbers in other units of measure. Factors: SI to the unit.
+struct Units {
+  double length = 1, mass = 1, inertia = 1, angle = 1, speed = 1, rpy = 1;
+};
+
+std::string arm(const Units& u) {
+  const auto n = [](double x) { return std::to_string(x); };
+  const auto inertial = [&](double mass) {
+    return "<inertial><origin xyz=\"0 0 " + n(0.2 * u.length) + "\"/><mass value=\"" + n(mass * u.mass) +
+           "\"/><inertia ixx=\"" + n(0.05 * u.inertia) + "\" ixy=\"0\" ixz=\"0\" iyy=\"" + n(0.05 * u.inertia) +
+           "\" iyz=\"0\" izz=\"" + n(0.02 * u.inertia) + "\"/></inertial><collision><origin xyz=\"0 0 " + n(0.1 * u.length) +
+           "\"/><geometry><cylinder radius=\"" + n(0.04 * u.length) + "\" length=\"" + n(0.3 * u.length) +
+           "\"/></geometry></collision>";
+  };
+  const auto joint = [&](const std::string& name, const std::string& type, const std::string& from, const std::string& to,
+                         double z, double range, double speed, const std::string& more) {
+    return "<joint name=\"" + name + "\" type=\"" + type + "\"><origin xyz=\"0 0 " + n(z * u.length) + "\" rpy=\"" +
+           n(M_PI / 2 * u.rpy) + " 0 0\"/><parent link=\"" + from + "\"/><child link=\"" + to +
+           "\"/><axis xyz=\"0 1 0\"/><limit lower=\"" + n(-range) + "\" upper=\"" + n(range) + "\" effort=\"90\" velocity=\"" +
+           n(speed) + "\"/>" + more + "</joint>";
+  };
+  return "<robot name=\"arm\"><link name=\"base\"/><link name=\"one\">" + inertial(6) + "</link><link name=\"two\">" +
+         inertial(4) + "</link><link name=\"three\">" + inertial(2) + "</link><link name=\"four\">" + inertial(1) + "</link>" +
+         joint("turn", "revolute", "base", "one", 0.1, 2.9 * u.angle, 2 * u.speed, "") +
+         joint("bend", "revolute", "one", "two", 0.4, 2.1 * u.angle, 3 * u.speed, "") +
+         joint("slide", "prismatic", "two", "three", 0.3, 0.2 * u.length, 0.5 * u.length, "") +
+         joint(
+             "grip", "revolute", "three", "four", 0.1, 1 * u.angle, 3 * u.speed,
+             "<mimic joint=\"slide\" multiplier=\"" + n(4 * u.angle / u.length) + "\" offset=\"" + n(0.1 * u.angle) + "\"/>") +
+         "</robot>";
+}
+
+constexpr double kDegrees = 180 / M_PI;
+
+/// The error of the reader, and the units that it proposes.
+struct Refusal {
+  std::string text, units;
+};
+Refusal refusal_of(const std::filesystem::path& file) {
+  try {
+    load_urdf(file);
+  } catch (const OtherUnits& error) {
+    return {error.what(), error.units};
+  }
+  return {"no error", ""};
+}
+
+struct Case {
+  const char* name;
+  Units units;
+  const char* proposed;
+};
+
+class OtherUnitsOfUrdf : public ::testing::TestWithParam<Case> {};
+
+TEST_P(OtherUnitsOfUrdf, AreRefusedWithTheOptionThatReadsThem) {
+  const TemporaryFolder folder("units");
+  folder.write("si.urdf", arm({}));
+  folder.write("other.urdf", arm(GetParam().units));
+  const RobotModel expected = load_urdf(folder / "si.urdf");
+  const Refusal refusal = refusal_of(folder / "other.urdf");
+  EXPECT_EQ(refusal.units, GetParam().proposed) << refusal.text;
+  EXPECT_THAT(refusal.text, AllOf(HasSubstr("other.urdf"), HasSubstr("cotwin new --urdf-units " + refusal.units)));
+  // What the option writes is the arm in SI, with its shapes.
+  folder.write("again.urdf", scene::urdf_in_si(folder / "other.urdf", parse_urdf_units(refusal.units, "units")));
+  const RobotModel again = load_urdf(folder / "again.urdf");
+  const double kRounding = 2e-5;  // std::to_string has 6 decimals
+  ASSERT_EQ(again.n(), expected.n());
+  for (std::size_t i = 0; i < expected.joints.size(); ++i) {
+    EXPECT_TRUE(again.joints[i].X_PJ.p.isApprox(expected.joints[i].X_PJ.p, kRounding)) << i;
+    EXPECT_TRUE(again.joints[i].X_PJ.R.isApprox(expected.joints[i].X_PJ.R, kRounding)) << i;
+    EXPECT_NEAR(again.joints[i].q_max, expected.joints[i].q_max, kRounding) << i;
+    EXPECT_NEAR(again.joints[i].dq_max, expected.joints[i].dq_max, kRounding) << i;
+    EXPECT_NEAR(again.bodies[i].inertia.mass, expected.bodies[i].inertia.mass, kRounding) << i;
+    EXPECT_TRUE(again.bodies[i].inertia.I_CC.isApprox(expected.bodies[i].inertia.I_CC, kRounding)) << i;
+  }
+  EXPECT_NEAR(again.mimics[0].multiplier, expected.mimics[0].multiplier, 4e-3);  // 6 decimals of 0.23 deg/mm
+  EXPECT_NEAR(again.mimics[0].offset, expected.mimics[0].offset, kRounding);
+  const auto shapes = scene::shapes_of_urdf(folder / "again.urdf", again);
+  EXPECT_NEAR(shapes[1][0].size[0], 0.04, kRounding);
+  EXPECT_NEAR(shapes[1][0].size[1], 0.3, kRounding);
+  EXPECT_NEAR(shapes[1][0].X_BS.p.z(), 0.1, kRounding);
+}
+
+INSTANTIATE_TEST_SUITE_P(All, OtherUnitsOfUrdf,
+                         ::testing::Values(Case{"mm", {.length = 1e3, .inertia = 1e6}, "length=mm"},
+                                           Case{"g", {.mass = 1e3, .inertia = 1e3}, "mass=g"},
+                                           Case{"mm_g", {.length = 1e3, .mass = 1e3, .inertia = 1e9}, "length=mm,mass=g"},
+                                           Case{"deg", {.angle = kDegrees}, "limit=deg"},
+                                           Case{"deg_per_s", {.angle = kDegrees, .speed = kDegrees}, "limit=deg,speed=deg/s"},
+                                           Case{"rpy", {.rpy = kDegrees}, "rpy=deg"}),
+                         [](const auto& one) { return std::string(one.param.name); });
+
+TEST(UrdfUnits, AMarkTakesUnusualNumbersAsTheyAre) {
+  const TemporaryFolder folder("units");
+  folder.write("large.urdf", arm({.length = 1e3, .inertia = 1e6}));
+  folder.write("marked.urdf", scene::urdf_in_si(folder / "large.urdf", parse_urdf_units("si", "units")));
+  const RobotModel large = load_urdf(folder / "marked.urdf");
+  EXPECT_NEAR(reach_of(large), 1e3 * (0.4 + 0.3 + 0.1), 1e-6);
+  folder.write("again.urdf", to_urdf(large));  // keeps the mark
+  EXPECT_EQ(load_urdf(folder / "again.urdf"), large);
+}
+
+TEST(UrdfUnits, OfOurRobotsAreNotSuspected) {
+  for (const auto& entry : std::filesystem::directory_iterator(places::source() + "/models/robots")) {
+    const std::filesystem::path file = entry.path() / "robot.urdf";
+    if (std::filesystem::exists(file)) {
+      EXPECT_NO_THROW(load_urdf(file)) << file;
+    }
+  }
+}
+
+TEST(UrdfUnits, AreNamedWhereTheyAreUnknown) {
+  const auto refusal = [](const std::string& text) -> std::string {
+    try {
+      (void)parse_urdf_units(text, "--urdf-units");
+    } catch (const Error& error) {
+      return error.what();
+    }
+    return "no error";
+  };
+  EXPECT_THAT(refusal("lenght=mm"), HasSubstr("--urdf-units: 'lenght=mm', expected si, or quantities"));
+  EXPECT_THAT(refusal("length=furlong"), HasSubstr("expected one of the units m, cm, mm, in"));
+  EXPECT_THAT(refusal("mm"), HasSubstr("'mm', expected"));
+  EXPECT_THAT(refusal(""), HasSubstr("expected"));
+  EXPECT_EQ(parse_urdf_units("length=mm, mass=g", "").inertia, 1e-9);
+  EXPECT_EQ(parse_urdf_units("inertia=kg.m2,length=mm", "").inertia, 1);
+}
+
+/// As the closest inertia of a body: mass and centre stay, and no physical body is changed.
+TEST(EstimatedInertia, RepairsMomentsThatNoBodyCanHave) {
+  const auto with = [](const Eigen::Vector3d& moments) {
+    return Inertia{2, {0.1, 0.2, 0.3}, Eigen::Matrix3d(moments.asDiagonal())};
+  };
+  const Eigen::Matrix3d turned = Eigen::AngleAxisd(0.7, Eigen::Vector3d(1, 2, 3).normalized()).toRotationMatrix();
+  for (const Eigen::Vector3d& moments :
+       {Eigen::Vector3d(1, 2, 4), {0, 0, 0}, {0, 1, 1}, {-1e-22, 1, 1}, {5, 1, 1}, {-1, -1, -1}, {1e-9, 3e-9, 1e-8}}) {
+    Inertia given = with(moments);
+    given.I_CC = (turned * given.I_CC * turned.transpose()).eval();
+    const Inertia found = repaired(given);
+    EXPECT_EQ(found.unphysical(), "") << moments.transpose();
+    EXPECT_EQ(found.mass, 2);
+    EXPECT_EQ(found.p_LC, given.p_LC);
+  }
+  const Inertia body = with({1, 2, 2.5});
+  EXPECT_TRUE(repaired(body).I_CC.isApprox(body.I_CC, 1e-12));
+  EXPECT_TRUE(repaired({0, {}, Eigen::Matrix3d::Identity()}).is_nothing());
+  EXPECT_TRUE(repaired({-1, {}, Eigen::Matrix3d::Identity()}).is_nothing());
+  EXPECT_TRUE(repaired({NAN, {}, Eigen::Matrix3d::Identity()}).is_nothing());
+}
+
+TEST(EstimatedInertia, ReplacesWhatIsMissingAndTellsIt) {
+  std::string xml = arm({});
+  for (std::size_t at = 0; (at = xml.find("<inertial>")) != std::string::npos;)
+    xml.erase(at, xml.find("</inertial>") + 11 - at);
+  EXPECT_THROW(parse_urdf(xml, "arm.urdf"), Error);
+  std::vector<std::string> warnings;
+  UrdfOptions options;
+  options.unphysical = Unphysical::kEstimate;
+  const RobotModel robot = parse_urdf(xml, "arm.urdf", options, &warnings);
+  EXPECT_THAT(warnings, SizeIs(4));
+  EXPECT_THAT(warnings[0], HasSubstr("joint 'turn' moves no mass ('one'), expected > 0 kg; estimated as "));
+  double mass = 0;
+  for (const Body& body : robot.bodies) {
+    EXPECT_EQ(body.inertia.unphysical(), "") << body.name;
+    mass += body.inertia.mass;
+  }
+  // Also of links that are not along an axis of their frames: symmetric to the last bit.
+  for (std::size_t at = 0; (at = xml.find("xyz=\"0 0 0.", at)) != std::string::npos; ++at)
+    xml.replace(at + 5, 3, "0.123 0.457");
+  for (const Body& body : parse_urdf(xml, "arm.urdf", options).bodies) EXPECT_EQ(body.inertia.unphysical(), "") << body.name;
+  // Rods of 0.4, 0.3, 0.1 and, at least a tenth of the reach, 0.08 m with a radius of 0.04 m.
+  EXPECT_NEAR(mass, 2700 * M_PI * 0.04 * 0.04 * (0.4 + 0.3 + 0.1 + 0.08), 1e-9);
+}
+
+}  // namespace
+}  // namespace cotwin::robot
