@@ -103,6 +103,30 @@ std::vector<double> JointUnits::read_bounds(Reader& r, const std::string& plain,
   return values;
 }
 
+namespace {
+
+/// Throws RequestError for a posture in rad that would be within the limits in degrees, and is more than half a turn beyond them.
+void refuse_degrees(const robot::RobotModel& robot, Reader& r, const std::string& plain, const std::vector<double>& q) {
+  std::size_t far = q.size();
+  for (std::size_t i = 0; i < q.size(); ++i) {
+    const robot::Joint& joint = robot.joints[i];
+    if (joint.type != robot::JointType::kRevolute) continue;
+    const auto beyond = [&](double x) { return std::max(joint.q_min - x, x - joint.q_max); };
+    if (beyond(q[i] * std::numbers::pi / 180) > 0) return;
+    if (beyond(q[i]) > std::numbers::pi && far == q.size()) far = i;
+  }
+  if (far == q.size()) return;
+  const robot::Joint& joint = robot.joints[far];
+  const auto number = [](double x) { return text::to_text(x, 4); };
+  const std::string in_degrees =
+      JointUnits(robot).name(plain, 0) == plain ? "" : " Then " + plain + "_deg (cotwin ask: --angle-unit deg)";
+  throw RequestError(r.pointer(JointUnits(robot).name(plain, 0).c_str()) + "/" + std::to_string(far),
+                     "is " + number(q[far]) + " rad, expected " + number(joint.q_min) + " to " + number(joint.q_max) +
+                         " rad for joint " + joint.name + "; are these degrees?" + in_degrees);
+}
+
+}  // namespace
+
 Move read_move(const Robot& robot, Reader& r, bool timed) {
   constexpr double kNone = std::numeric_limits<double>::infinity();
   const JointUnits units(robot.model);
@@ -117,6 +141,11 @@ Move read_move(const Robot& robot, Reader& r, bool timed) {
       throw RequestError(r.pointer(units.name(plain, 0).c_str()),
                          "has " + std::to_string(q->size()) + " values, expected " + std::to_string(n) + ", one per joint");
   }
+  bool own_limits = false;
+  for (const char* name : {"q_min", "q_min_rad", "q_min_deg", "q_max", "q_max_rad", "q_max_deg"})
+    own_limits = own_limits || r.gives(name);
+  for (const auto& [plain, q] : {std::pair{"from_q", &m.from_q}, {"to_q", &m.to_q}})
+    if (!own_limits && !r.gives((std::string(plain) + "_deg").c_str())) refuse_degrees(robot.model, r, plain, *q);
   m.degree = r.integer("degree", 5, 31, 5);
   m.c = units.read(r, "c_r", 0, true);
   if (const std::size_t expected = n * static_cast<std::size_t>(m.degree - 5); !m.c.empty() && m.c.size() != expected)

@@ -29,6 +29,7 @@ using Json = nlohmann::ordered_json;
 struct AskArguments {
   std::string service, robot = "lwr4", more, detail, table, schema;
   std::vector<double> from, to;
+  std::string angle_unit = "rad";
   std::optional<double> T;
   std::vector<fs::path> files, robots;
   std::optional<fs::path> motion, particles;
@@ -92,7 +93,11 @@ Json request_of(const AskArguments& a, services::Robots& robots) {
     const std::vector<std::string> members{name + "_rad", name + "_deg", name};
     if (!q.empty()) {
       refuse_twice(option, members);
-      request[services::posture_member(robots, request, name)] = q;
+      std::string member = services::posture_member(robots, request, name);
+      if (a.angle_unit == "deg" && member == plain)
+        throw Error("--angle-unit deg", "is given for a robot with prismatic joints, expected postures in rad and m");
+      if (a.angle_unit == "deg") member = name + "_deg";
+      request[member] = q;
     } else if (std::ranges::none_of(members, [&](const std::string& member) { return request.contains(member); })) {
       throw Error(option,
                   "is missing, expected a posture, or " + services::posture_member(robots, request, name) + " in --with");
@@ -177,12 +182,14 @@ int ask_files(const AskArguments& a, services::Robots& robots, const services::C
 
 /// Refuses options that would have no effect beside `chosen`.
 void refuse_others(const AskArguments& a, const std::string& chosen, const std::vector<std::string>& allowed) {
-  const std::pair<const char*, bool> given[] = {
-      {"SERVICE", !a.service.empty()}, {"--from", !a.from.empty()},     {"--to", !a.to.empty()},
-      {"--duration", a.T.has_value()}, {"--with", !a.more.empty()},     {"--detail", !a.detail.empty()},
-      {"--motion", !!a.motion},        {"--particles", !!a.particles},  {"--file", !a.files.empty()},
-      {"--table", !a.table.empty()},   {"--schema", !a.schema.empty()}, {"--robots", !a.robots.empty()},
-      {"--threads", a.threads != 0},   {"--worker", a.worker}};
+  const std::pair<const char*, bool> given[] = {{"SERVICE", !a.service.empty()}, {"--from", !a.from.empty()},
+                                                {"--to", !a.to.empty()},         {"--duration", a.T.has_value()},
+                                                {"--with", !a.more.empty()},     {"--detail", !a.detail.empty()},
+                                                {"--motion", !!a.motion},        {"--particles", !!a.particles},
+                                                {"--file", !a.files.empty()},    {"--angle-unit", a.angle_unit != "rad"},
+                                                {"--table", !a.table.empty()},   {"--schema", !a.schema.empty()},
+                                                {"--robots", !a.robots.empty()}, {"--threads", a.threads != 0},
+                                                {"--worker", a.worker}};
   for (const auto& [name, is_given] : given)
     if (is_given && name != chosen && std::ranges::find(allowed, name) == allowed.end())
       throw Error(chosen == "SERVICE" ? "cotwin ask " + a.service : "cotwin ask " + chosen,
@@ -199,7 +206,8 @@ int ask(const AskArguments& a) {
     refuse_others(a, "--file", {"--detail", "--table", "--robots", "--threads"});
   else
     refuse_others(a, "SERVICE",
-                  {"--from", "--to", "--duration", "--with", "--detail", "--motion", "--particles", "--robots", "--threads"});
+                  {"--from", "--to", "--angle-unit", "--duration", "--with", "--detail", "--motion", "--particles", "--robots",
+                   "--threads"});
   if (!a.schema.empty()) {
     const std::vector<std::string> names = services::service_names();
     if (std::ranges::find(names, a.schema) == names.end())
@@ -233,6 +241,10 @@ void add_ask(CLI::App& app, Chosen& chosen) {
       ->type_name("URDF");
   command->add_option("--from", a.from, "Posture at the start, rad (m), separated by commas")->delimiter(',')->type_name("Q");
   command->add_option("--to", a.to, "Posture at the end, rad (m), separated by commas")->delimiter(',')->type_name("Q");
+  command->add_option("--angle-unit", a.angle_unit, "Of --from and --to: rad or deg")
+      ->check(CLI::IsMember({"rad", "deg"}))
+      ->type_name("WORD")
+      ->capture_default_str();
   command->add_option("--duration", a.T, "Duration in seconds; without it the shortest one")->type_name("S");
   command->add_option("--with", a.more, "Further members of the request as a JSON object, for example {\"degree\": 9}")
       ->type_name("JSON");

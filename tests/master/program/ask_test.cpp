@@ -133,6 +133,27 @@ const char* kLibrary = R"({"robots": ["lwr4", {"name": "elbow held", "robot": "l
     {"name": "odd, \"one\"", "from_q_rad": [0], "to_q_rad": [1], "robot": "planar2"},
     7]})";
 
+TEST(Ask, NoticesPosturesInDegrees) {
+  const std::vector<std::string> ask = {"ask",    "feasibility",       "--robot", "lwr4",
+                                        "--from", "0,30,0,-60,0,40,0", "--to",    "57,0,20,40,-30,-20,45"};
+  const auto refused = run_program(ask);
+  EXPECT_EQ(refused.code, 2);
+  EXPECT_THAT(refused.err,
+              HasSubstr("/from_q_rad/1: is 30 rad, expected -2.094 to 2.094 rad for joint joint_2; are these degrees? Then "
+                        "from_q_deg (cotwin ask: --angle-unit deg)"));
+  std::vector<std::string> degrees = ask;
+  degrees.insert(degrees.end(), {"--angle-unit", "deg"});
+  const auto answered = run_program(degrees);
+  EXPECT_EQ(answered.code, 0) << answered.err;
+  EXPECT_TRUE(json::parse(answered.out)["feasible"]);
+  // A posture that is a little beyond a limit, or outside in degrees too, gets its answer; so does one with limits of its own.
+  for (const char* q : {"0,2.2,0,0,0,0,0", "0,200,0,0,0,0,0"}) {
+    const auto beyond = run_program({"ask", "feasibility", "--robot", "lwr4", "--from", "0,0,0,0,0,0,0", "--to", q});
+    EXPECT_EQ(beyond.code, 0) << beyond.err;
+    EXPECT_FALSE(json::parse(beyond.out)["feasible"]);
+  }
+}
+
 TEST(Tasks, AreCrossedWithRobotsAndDoNotLoseOneAnother) {
   Robots robots({robots_folder()});
   const auto tasks = cotwin::services::read_tasks(kLibrary, "library", {"lwr4", "verdict", {}});
