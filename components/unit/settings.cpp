@@ -204,10 +204,24 @@ fs::path Settings::robot_file(const std::string& key) {
   return robot_file(robot, " (another robot: --set " + key + "=PATH.urdf)");
 }
 
+/// "; did you mean 'lwr4'?"
+static std::string similar_robot(const std::string& robot, const std::vector<fs::path>& folders) {
+  std::vector<std::string> names;
+  for (const fs::path& folder : folders) {
+    std::error_code none;
+    for (const auto& entry : fs::directory_iterator(folder / "robots", none))
+      if (fs::exists(entry.path() / "robot.urdf", none)) names.push_back(entry.path().filename().string());
+  }
+  std::ranges::sort(names);
+  const std::string closest = text::closest(robot, names);
+  return closest.empty() ? "" : "; did you mean '" + closest + "'?";
+}
+
 fs::path Settings::robot_file(const std::string& robot, const std::string& hint) {
   const bool is_path =
       robot.find('/') != std::string::npos || fs::path(robot).extension() == ".urdf" || fs::path(robot).extension() == ".xacro";
-  const fs::path found = file(is_path ? robot : "robots/" + robot + "/robot.urdf", hint);
+  const fs::path found =
+      file(is_path ? robot : "robots/" + robot + "/robot.urdf", (is_path ? "" : similar_robot(robot, folders_)) + hint);
   robot_files_.push_back(found);
   return found;
 }

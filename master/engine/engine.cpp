@@ -393,19 +393,26 @@ std::string Engine::loop_of(std::size_t member) const {
 }
 
 void Engine::report_non_finite(Time now) const {
-  for (const Slot& slot : schedule.slots) {  // in the order of stepping: the first one found is the origin
-    for (const Variable& v : members_[slot.member].variables()) {
+  std::string first;
+  for (const Slot& slot :
+       schedule.slots) {  // in the order of stepping: the first one found is the origin, unless it is in a loop
+    const Member& member = members_[slot.member];
+    const std::string loop = loop_of(slot.member);
+    const bool is_maker = !loop.empty() && has_moderate_inputs(member);
+    if (!first.empty() && !is_maker) continue;
+    for (const Variable& v : member.variables()) {
       if (!is_watched(v)) continue;
       const std::span<double> values = v.reals();
-      for (std::size_t i = 0; i < values.size(); ++i) {
-        if (std::isfinite(values[i])) continue;
-        const std::string& member = members_[slot.member].name();
-        throw Error(element_name(member, v, i) + " is " + text::to_text(values[i]) + " at t = " + text::to_text(now.seconds()) +
-                    " s, expected a finite " + std::string(name_of(v.role)) + loop_of(slot.member));
-      }
+      const auto broken = std::ranges::find_if(values, [](double x) { return !std::isfinite(x); });
+      if (broken == values.end()) continue;
+      const auto element = static_cast<std::size_t>(broken - values.begin());
+      const std::string what = not_finite(member, v, element, *broken, now.seconds());
+      if (is_maker) throw Error(what + kOwnFault);
+      if (loop.empty()) throw Error(what);
+      if (first.empty()) first = what + loop;
     }
   }
-  throw Error("a value is not finite at t = " + text::to_text(now.seconds()) + " s");
+  throw Error(first.empty() ? "a value is not finite at t = " + text::to_text(now.seconds()) + " s" : first);
 }
 
 }  // namespace cotwin::master

@@ -86,6 +86,21 @@ std::vector<std::size_t> find_columns(const csv::Reader& reader, const std::stri
   return {};
 }
 
+std::string numbered_columns(const std::vector<std::string>& names) {
+  std::vector<std::string> patterns;
+  for (const std::string& name : names) {
+    const std::size_t digits = name.find_last_not_of("0123456789") + 1;  // 0 for a name of digits alone
+    const std::string number = name.substr(digits), stem = name.substr(0, digits);
+    if (number != "0" && number != "1") continue;
+    const std::string pattern = stem + (number == "0" ? "{0}" : "{}");
+    const bool from_0 = std::ranges::find(patterns, stem + "{0}") != patterns.end();
+    if (!from_0) patterns.push_back(pattern);
+  }
+  if (patterns.empty()) return "";
+  for (std::string& pattern : patterns) pattern = "'" + pattern + "'";
+  return "; numbered columns of the table: " + text::joined(patterns);
+}
+
 std::size_t find_time_column(const csv::Reader& reader, const std::string& file, const std::string& column,
                              const char* remedy) {
   if (!column.empty()) return reader.column(column);

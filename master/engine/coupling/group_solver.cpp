@@ -183,9 +183,22 @@ bool GroupSolver::step_slot(std::size_t i, const Eigen::VectorXd& x, Duration h)
     error_ = error.what();
     unit.result = StepResult::kDiscard;
   }
-  if (unit.result != StepResult::kDiscard) return true;
+  if (unit.result != StepResult::kDiscard) {
+    look_for_maker(i);
+    return true;
+  }
   discarded_ = &slots_[i];
   return false;
+}
+
+/// Finds who made the first value that is not finite.
+void GroupSolver::look_for_maker(std::size_t i) {
+  if (maker_) return;
+  for (const std::size_t k : units_[i].outputs) {
+    if (std::isfinite(*unknowns_[k].value)) continue;
+    if (has_moderate_inputs(members_[slots_[i].member])) maker_ = {i, k, *unknowns_[k].value};
+    return;
+  }
 }
 
 bool GroupSolver::evaluate(const Eigen::VectorXd& x, Eigen::VectorXd& y) {
@@ -306,6 +319,7 @@ bool GroupSolver::continues(Time begin) const { return slots_.front().time == be
 Newton::Outcome GroupSolver::step_part(Time begin, Time end) {
   begin_part(begin, end);
   discarded_ = nullptr;
+  maker_.reset();
   const Newton::Outcome outcome = newton_.solve(*this, x_, scale_, limits_);
   counts_.iterations += newton_.iterations();
   counts_.linearisations += newton_.linearisations();
@@ -366,12 +380,25 @@ const Slot* GroupSolver::fail(Newton::Outcome outcome, Time at) const {
     const std::string& name = members_[discarded_->member].name();
     throw Error(place_of(name, at), without_component(name, error_));
   }
+  if (maker_) throw Error(text_of_maker(at));
   const std::string place = place_of(names(), at);
   if (outcome == Newton::Outcome::kSingular)
     throw Error(place, "the values that they exchange have no solution, or more than one: the loop's gain is 1");
   throw Error(place, "the values that they exchange do not converge even at 1/" + std::to_string(1 << kMostHalvings) +
                          " of the step (" + text::to_text(newton_.worst(), 3) +
                          " relative at last): they have no solution, or one that is too far from the last step's");
+}
+
+std::string GroupSolver::text_of_maker(Time at) const {
+  const Member& member = members_[slots_[maker_->slot].member];
+  for (const Variable& v : member.variables()) {
+    if (v.kind() != Kind::kReal) continue;
+    const std::span<double> values = v.reals();
+    for (std::size_t e = 0; e < values.size(); ++e)
+      if (&values[e] == unknowns_[maker_->unknown].value)
+        return not_finite(member, v, e, maker_->value, at.seconds()) + kOwnFault;
+  }
+  return "";
 }
 
 double GroupSolver::loop_gain(Time now, Duration h) {

@@ -2,6 +2,7 @@
 #include <chrono>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -136,6 +137,8 @@ class GroupSolver final : private CoupledOutputs {
   bool step_slot(std::size_t i, const Eigen::VectorXd& x, Duration h);
   void save_slot(std::size_t i);
   void restore_slot(std::size_t i);
+  void look_for_maker(std::size_t i);
+  std::string text_of_maker(Time at) const;
   const Slot* fail(Newton::Outcome outcome, Time at) const;
 
   std::span<Slot> slots_;
@@ -155,6 +158,11 @@ class GroupSolver final : private CoupledOutputs {
   std::span<double> seconds_;
   const Slot *discarded_ = nullptr, *finished_ = nullptr;
   std::string error_;  // of `discarded_`; empty if it only discarded
+  struct Maker {
+    std::size_t slot, unknown;
+    double value;
+  };
+  std::optional<Maker> maker_;  // the first unit of the last part that made a value which is not finite from inputs that were
 
   Newton newton_;
   Eigen::VectorXd x_, first_x_, probe_, changed_, scale_, y_;

@@ -111,7 +111,20 @@ std::vector<GivenStart> given_starts(const ParameterSet& set, const Member& memb
   return given;
 }
 
-void check_name(const ParameterValue& value, const Member& member) {
+std::string not_finite(const Member& member, const Variable& variable, std::size_t element, double value, double seconds) {
+  return element_name(member.name(), variable, element) + " is " + text::to_text(value) + " at t = " + text::to_text(seconds) +
+         " s, expected a finite " + std::string(name_of(variable.role));
+}
+
+bool has_moderate_inputs(const Member& member) {
+  constexpr double kLarge = 1e12;  // in SI
+  return std::ranges::all_of(member.variables(), [&](const Variable& v) {
+    return v.role != Role::kInput || v.kind() != Kind::kReal ||
+           std::ranges::all_of(v.reals(), [&](double x) { return std::abs(x) < kLarge; });
+  });
+}
+
+void check_name(const ParameterValue& value, const Member& member, std::span<const Member> all) {
   if (find_element(member.variables(), value.name).variable != nullptr) return;
   const std::string name = value.name.substr(0, value.name.find('['));
   if (member.variables().find(name) != nullptr) return;  // the element is malformed; apply() reports that
@@ -123,8 +136,16 @@ void check_name(const ParameterValue& value, const Member& member) {
   }
   std::vector<std::string> names = names_of(member.variables());
   for (const std::string& known : member.settings.names()) names.push_back(known);
+  std::vector<std::string> elsewhere;
+  for (const Member& other : all) {
+    if (&other == &member) continue;
+    const bool setting = other.settings.find(name) != nullptr;
+    if (setting || other.variables().find(name) != nullptr)
+      elsewhere.push_back(other.name() + "." + name + (setting ? " (a setting)" : ""));
+  }
   fail(value.place, member.name() + ": no variable " + (member.settings.all().empty() ? "" : "and no setting ") +
-                        in_quotes(value.name) + suggestion(name, names));
+                        in_quotes(value.name) +
+                        (elsewhere.empty() ? suggestion(name, names) : "; there is " + text::joined(elsewhere)));
 }
 
 FmuSource fmu_source(const ComponentSpec& spec, const Scenario& scenario) {
@@ -252,7 +273,19 @@ std::vector<Member> load_members(const Scenario& scenario, std::span<const UnitT
     Member& member = members.back();
     for (const ConnectorSpec& connector : spec.connectors) check_connector(connector, member, scenario);
     const ParameterSet values = start_values(scenario, member, &member.instance.warnings);
-    for (const ParameterValue& value : values.values) check_name(value, member);
+    try {
+      for (const ParameterValue& value : values.values) check_name(value, member);
+    } catch (const Error&) {
+      // The components after this one, which may have what is meant.
+      const auto next = static_cast<std::ptrdiff_t>(members.size());
+      for (auto later = scenario.components.begin() + next; later != scenario.components.end(); ++later) {
+        try {
+          members.push_back(load_member(*later, scenario, types, folders, fmus, nullptr));
+        } catch (const Error&) {  // one fault at a time
+        }
+      }
+      for (const ParameterValue& value : values.values) check_name(value, members[static_cast<std::size_t>(next - 1)], members);
+    }
     apply(values, member.variables());  // an error names the value's place
     member.given = given_starts(values, member);
   }

@@ -80,6 +80,13 @@ Signal find_real_signal(std::span<const Member> members, std::string_view name, 
 /// Name of one element in columns and messages: "drive.q" of a scalar, "drive.q[2]" of a vector. `element` counts from 0.
 std::string element_name(const std::string& member, const Variable& variable, std::size_t element);
 
+/// "u.tau[2] is nan at t = 0.3 s, expected a finite output"
+std::string not_finite(const Member& member, const Variable& variable, std::size_t element, double value, double seconds);
+/// Whether all real inputs are finite and below 1e12 in SI. Values of loops that diverge are larger before they are not finite.
+bool has_moderate_inputs(const Member& member);
+/// For a value that is not finite of a unit with such inputs in a loop.
+inline constexpr const char* kOwnFault = ", its inputs were finite: the fault is in this unit, not in the loop that it is in";
+
 /// The start values of a component. Where the scenario permits unknown parameters, names that the unit does not have are left
 /// out and listed in `unknown`.
 ParameterSet start_values(const Scenario& scenario, const Member& member, std::vector<std::string>* unknown = nullptr);
@@ -88,7 +95,7 @@ ParameterSet start_values(const Scenario& scenario, const Member& member, std::v
 std::vector<GivenStart> given_starts(const ParameterSet& set, const Member& member);
 
 /// Throws Error for a start value whose name is not a variable of the member; the message says if it is a setting.
-void check_name(const ParameterValue& value, const Member& member);
+void check_name(const ParameterValue& value, const Member& member, std::span<const Member> all = {});
 
 /// File or folder of a component that is an FMU, and its options for loading. Throws Error for an invalid query.
 struct FmuSource {

@@ -45,6 +45,24 @@ class Square final : public Unit {
   double u_ = 0, y_ = 0, c_ = 0;
 };
 
+/// y = u/10 + √c.
+class Root final : public Unit {
+ public:
+  void declare(Variables& v) override {
+    v.input("u", u_, "rad", "input");
+    v.output("y", y_, "rad", "a tenth of it and the root of c");
+    v.tunable("c", c_, "rad2", "its root is added");
+  }
+  void initialise(Time) override { y_ = u_ / 10 + std::sqrt(c_); }
+  StepResult step(Time, Duration) override {
+    initialise({});
+    return StepResult::kDone;
+  }
+
+ private:
+  double u_ = 0, y_ = 0, c_ = 0;
+};
+
 /// y = gain (u + v).
 class Sum final : public Unit {
  public:
@@ -111,6 +129,7 @@ std::span<const UnitType> types() {
     for (const UnitType& type : cotwin::testing::test_types()) all.push_back(type);
     for (const UnitType& type : cotwin::testing::linear_types()) all.push_back(type);
     all.push_back({"sum", "y = gain (u + v)", [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Sum>(); }});
+    all.push_back({"root", "y = u/10 + √c", [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Root>(); }});
     all.push_back({"square", "y = u² + c", [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Square>(); }});
     all.push_back({"small", "", [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Small>(true); }});
     all.push_back({"small_undeclared", "", [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Small>(false); }});
@@ -311,6 +330,23 @@ TEST(ImplicitCoupling, NamesTheMembersOfALoopWithoutASolution) {
   b.scenario.coupling = CouplingChoice::kImplicit;
   Master master = load(b);
   EXPECT_THAT(error_of([&] { to_the_end(master); }), AllOf(HasSubstr("a, b at t = 0.005"), HasSubstr("no")));
+}
+
+TEST(Loops, BlameTheUnitThatMakesAValueThatIsNotFinite) {
+  for (const CouplingChoice coupling : {CouplingChoice::kImplicit, CouplingChoice::kExplicit}) {
+    // The unit of the loop that makes it is the first or the second that steps.
+    for (const char* maker : {"a", "b"}) {
+      Build b;
+      b.unit("a", "root").unit("b", "root").connect("a.y", "b.u").connect("b.y", "a.u").until(0.1);
+      b.event(0.005, std::string(maker) + ".c", "-1");
+      b.scenario.coupling = coupling;
+      Master master = load(b);
+      EXPECT_THAT(error_of([&] { to_the_end(master); }),
+                  AllOf(HasSubstr(std::string(maker) + ".y is "), HasSubstr("nan at t = 0.00"),
+                        HasSubstr("expected a finite output, its inputs were finite: the fault is in this unit"),
+                        Not(HasSubstr("tick"))));
+    }
+  }
 }
 
 // z = cos(z + p) for z = y/A; the solution for p = 1 is from bisection.

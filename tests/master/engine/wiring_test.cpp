@@ -168,6 +168,16 @@ TEST(Wiring, ReportsANameThatIsASettingAndNotAVariable) {
               HasSubstr("a: no variable and no setting 'restoreable'; did you mean 'restorable'?"));
 }
 
+TEST(Wiring, NamesTheComponentThatHasWhatAnotherLacks) {
+  Build b;  // before and after the component that it was given to
+  b.unit("a", "gain").unit("i", "integrator").with("gain", 2.0).unit("p", "picky");
+  EXPECT_THAT(error_of([&] { b.load(); }), HasSubstr("i: no variable 'gain'; there is a.gain"));
+  Build other;
+  other.unit("a", "gain").with("restorable", true).unit("p", "picky");
+  EXPECT_THAT(error_of([&] { other.load(); }),
+              HasSubstr("a: no variable and no setting 'restorable'; there is p.restorable (a setting)"));
+}
+
 TEST(Wiring, RampsAnInputToTheValueThatAnEarlierStageHasReached) {
   // a integrates 2 rad/s to y = 2t; b follows y linearly over each step, so that ∫y is t² to rounding.
   Build b;

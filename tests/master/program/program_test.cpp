@@ -200,6 +200,7 @@ TEST_F(Program, NamesInvalidArguments) {
   const RunResult robot = run({"describe", "motion?robot=nobody"});
   EXPECT_EQ(robot.code, 2);
   EXPECT_THAT(robot.err, HasSubstr("no file robots/nobody/robot.urdf (another robot: --set robot=PATH.urdf); looked for"));
+  EXPECT_THAT(run({"describe", "motion?robot=lwr"}).err, HasSubstr("no file robots/lwr/robot.urdf; did you mean 'lwr4'?"));
 }
 
 TEST_F(Program, CtrlCWhileTheClockIsWaitedForStepsNoFurther) {

@@ -128,7 +128,10 @@ TEST(Recording, ColumnsThatAreNotOnePerJointAreErrors) {
   EXPECT_THAT(error_of("t,q1,q2,tau1\n0,0,0,1\n1,0,0,1\n", free_axes(2)),
               HasSubstr("has columns 'tau1' to 'tau1' of tau, expected 2"));
   EXPECT_EQ(error_of("t,x,y\n0,0,0\n1,0,0\n", free_axes(2)),
-            "file.csv: has no columns of joint positions, expected 'q1', 'q2', … or their names in q_columns");
+            "file.csv: has no columns of joint positions, expected 'q1', 'q2', … or their names in q_columns (cotwin tune: "
+            "--q-columns)");
+  EXPECT_THAT(error_of("time,pos1,pos2,current_0,current_1\n0,0,0,0,0\n1,0,0,0,0\n", free_axes(2)),
+              HasSubstr("numbered columns of the table: 'pos{}', 'current_{0}'"));
   format.q_columns = "x,z";
   EXPECT_EQ(error_of("t,x,y\n0,0,0\n1,0,0\n", free_axes(2), format), "file.csv: has no column 'z', did you mean 't'?");
   EXPECT_EQ(error_of("t,q1\n0,0\n", free_axes(1)), "file.csv: holds 1 samples, expected at least two");
