@@ -6,13 +6,11 @@
 #include <string>
 #include <string_view>
 
-#include "components/unit/settings.h"
 #include "master/program/commands/commands.h"
-#include "master/workflows/starter/files.h"
+#include "master/workflows/starter/make.h"
 #include "models/foundation/support/atomic_file.h"
 #include "models/foundation/support/choice.h"
 #include "models/foundation/support/error.h"
-#include "models/robot/robot_model.h"
 
 namespace cotwin::master {
 
@@ -33,48 +31,10 @@ std::string for_a_shell(const fs::path& path) {
 }
 
 struct NewArguments {
-  std::string robot, lock;
-  starter::Kind kind = starter::Kind::kMotion;
-  std::string unphysical = "error";
+  starter::Request request;
   fs::path out;
   bool overwrite = false;
 };
-
-Settings robot_settings(const NewArguments& a, const std::string& unphysical) {
-  Settings settings("drive_train", "", {{"robot", a.robot}, {"lock", a.lock}, {"unphysical", unphysical}}, model_folders({}));
-  settings.declare(settings_of(find_type("drive_train", units())));
-  return settings;
-}
-
-/// The robot, and warnings of the reader as notes.
-robot::RobotModel read_robot(const NewArguments& a, std::vector<std::string>& notes) {
-  Settings settings = robot_settings(a, a.unphysical);
-  try {
-    robot::RobotModel robot = settings.robot();
-    notes = settings.warnings();
-    return robot;
-  } catch (const Error& error) {
-    if (a.unphysical == "warn") throw;
-    try {
-      robot_settings(a, "warn").robot();
-    } catch (const Error&) {
-      throw error;
-    }
-    throw Error(std::string(error.what()) + "\nGive the link the inertia of a body, or take it as it is by --unphysical warn");
-  }
-}
-
-/// Drive data from files beside the robot's URDF; nothing if there are none.
-std::optional<starter::Drives> known_drives(const NewArguments& a) {
-  Settings settings = robot_settings(a, a.unphysical);
-  const Instance drive = make_unit(settings, units());
-  if (drive.given.empty()) return std::nullopt;
-  const auto values = [&](const char* name) {
-    const std::span<double> reals = drive.variables.at(name).reals();
-    return std::vector<double>(reals.begin(), reals.end());
-  };
-  return starter::Drives{values("K"), values("D"), values("B"), values("sigma2"), values("tau_C")};
-}
 
 /// The robot as the scenario in `folder` names it: a name as it is; a file by the path from the folder if both are below the
 /// working directory, so that they can be moved together, otherwise by its absolute path.
@@ -90,19 +50,13 @@ std::string robot_in_scenario(const std::string& robot, const fs::path& folder) 
 }
 
 int new_scenario(NewArguments a) {
-  const fs::path file = urdf_of(a.robot);
-  const bool is_file = file == fs::path(a.robot);
-  if (is_file) a.robot = fs::absolute(file).string();
-  std::vector<std::string> notes;
-  const robot::RobotModel robot = read_robot(a, notes);
-  const std::optional<starter::Drives> drives = robot.n() > 0 ? known_drives(a) : std::nullopt;
-  starter::Sketch sketch = starter::make_sketch(robot, a.kind, drives);
-  sketch.notes.insert(sketch.notes.begin(), notes.begin(), notes.end());
-  const std::string kind = text::word_of(a.kind, starter::kKindWords);
-  starter::Naming naming{file_name_of(robot.name) + "_" + kind, a.robot, a.lock, a.unphysical == "warn"};
-  if (a.out.empty()) a.out = naming.scenario;
-  naming.robot = robot_in_scenario(a.robot, a.out);
-  const std::vector<starter::File> files = starter::files_of(sketch, robot, naming);
+  const fs::path file = urdf_of(a.request.robot);
+  if (file == fs::path(a.request.robot)) a.request.robot = fs::absolute(file).string();
+  const starter::Starter made = starter::make_starter(a.request, units());
+  const std::string scenario = file_name_of(made.robot) + "_" + text::word_of(a.request.kind, starter::kKindWords);
+  if (a.out.empty()) a.out = scenario;
+  const std::string robot = made.converted.empty() ? robot_in_scenario(a.request.robot, a.out) : "./robot.urdf";
+  const std::vector<starter::File> files = made.files(scenario, robot);
   for (const starter::File& written : files) {
     const fs::path place = a.out / written.name;
     if (!a.overwrite && fs::exists(place))
@@ -114,7 +68,7 @@ int new_scenario(NewArguments a) {
     write_file(place, written.text);
     std::cout << place.string() << '\n';
   }
-  for (const std::string& note : sketch.notes) std::cout << "note: " << note << '\n';
+  for (const std::string& note : made.sketch.notes) std::cout << "note: " << note << '\n';
   std::cout << "run it with: cotwin run " << for_a_shell(a.out / "twin.ssd") << '\n';
   return kExitDone;
 }
@@ -123,24 +77,35 @@ int new_scenario(NewArguments a) {
 
 void add_new(CLI::App& app, Chosen& chosen) {
   const auto all = std::make_shared<NewArguments>();
-  CLI::App* command = app.add_subcommand("new", "Write a first scenario for a robot, with comments, that runs as it is");
-  command->add_option("--robot", all->robot, "URDF, or the name of a robot")->type_name("ROBOT")->required();
+  CLI::App* command =
+      app.add_subcommand("new", "Write a first scenario for a robot, with comments, and try that it runs as it is");
+  command->add_option("--robot", all->request.robot, "URDF, or the name of a robot")->type_name("ROBOT")->required();
   command
       ->add_option_function<std::string>(
-          "--kind", [all](const std::string& word) { all->kind = text::choose("--kind", word, starter::kKindWords); },
+          "--kind", [all](const std::string& word) { all->request.kind = text::choose("--kind", word, starter::kKindWords); },
           "motion: moves through waypoints; compliance: is pushed and gives way; contact: presses against a plate (default: "
           "motion)")
       ->check(CLI::IsMember({"motion", "compliance", "contact"}))
       ->type_name("WORD");
   command->add_option("-o,--out", all->out, "Folder for the files (default: <robot>_<kind>)")->type_name("FOLDER");
-  command->add_option("--lock", all->lock, "Joints that stand still, e.g. finger_1:0.02,finger_2:0.02; rad or m")
+  command->add_option("--lock", all->request.lock, "Joints that stand still, e.g. finger_1:0.02,finger_2:0.02; rad or m")
       ->type_name("JOINT:POSITION,…");
   command
-      ->add_option("--unphysical", all->unphysical,
-                   "Links with an inertia that no body can have, or none: an error, or a warning (warn)")
-      ->check(CLI::IsMember({"error", "warn"}))
+      ->add_option("--end-effector", all->request.end_effector,
+                   "Link at which the probe of --kind contact is mounted (default: the flange or palm of the longest chain)")
+      ->type_name("LINK");
+  command
+      ->add_option("--unphysical", all->request.unphysical,
+                   "Links with an inertia that no body can have, or none: an error, a warning (warn), or estimated (estimate)")
+      ->check(CLI::IsMember({"error", "warn", "estimate"}))
       ->type_name("WORD")
       ->capture_default_str();
+  command
+      ->add_option("--urdf-units", all->request.units,
+                   "Units of a URDF that is not in SI, e.g. length=mm,mass=g,limit=deg,speed=deg/s,rpy=deg,inertia=g.mm2; it "
+                   "is written in SI "
+                   "beside the scenario, as robot.urdf. si: take unusual numbers as they are")
+      ->type_name("QUANTITY=UNIT,…");
   command->add_flag("--overwrite", all->overwrite, "Overwrite files of these names");
   command->callback([all, &chosen] { chosen = [all] { return new_scenario(*all); }; });
 }

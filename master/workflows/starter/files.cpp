@@ -182,7 +182,7 @@ class ScenarioFile {
         text += "  A probe at '" + in_comment(sketch_.contact->frame) + "' presses against a plate: the desired motion goes " +
                 to_text(1e3 * sketch_.contact->depth, 3) +
                 " mm into it, and the compliance\n  gives way. The force at rest is about " +
-                to_text(sketch_.contact->force, 2) + " N.\n";
+                to_text(sketch_.contact->force, 3) + " N.\n";
         break;
     }
     text += "\n  Files beside this one: waypoints.csv, the motion; compliance.ssv, gains and compliance";
@@ -212,8 +212,9 @@ class ScenarioFile {
     const Drives& d = sketch_.drives;
     SsdText::Values gears = {{"K", list(d.K)}, {"D", list(d.D)}};
     if (sketch_.assumed) gears.emplace_back("B", list(d.B));
-    ssd_.component("world", "unit:contact_world?scene=scene.sdf", {}, gears,
-                   "bodies that the robot touches; the drives as the world sees them");
+    ssd_.component("world",
+                   std::string("unit:contact_world?scene=scene.sdf") + (sketch_.robot_shapes ? "" : "&robot_shapes=none"), {},
+                   gears, "bodies that the robot touches; the drives as the world sees them");
   }
 
   void connections() {
@@ -239,9 +240,10 @@ class ScenarioFile {
   void annotation() {
     line("<cotwin:Setting name=\"robot\" value=\"" + xml::escaped(naming_.robot) + "\"/>");
     if (!naming_.lock.empty()) line("<cotwin:Setting name=\"lock\" value=\"" + xml::escaped(naming_.lock) + "\"/>");
-    if (naming_.unphysical)
-      line(
-          "<cotwin:Setting name=\"unphysical\" value=\"warn\"/>  <!-- inertias that no body can have are used as they are -->");
+    if (naming_.unphysical != "error")
+      line("<cotwin:Setting name=\"unphysical\" value=\"" + naming_.unphysical +
+           "\"/>  <!-- inertias that no body can have are " +
+           (naming_.unphysical == "warn" ? "used as they are" : "replaced by estimates") + " -->");
     line("<!-- within a tick, one stage after the other -->");
     const char* const drive_stage = contact_ ? "3" : "2";
     line("<cotwin:Component name=\"motion\" stage=\"0\"/>");

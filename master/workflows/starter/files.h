@@ -8,10 +8,10 @@ namespace cotwin::master::starter {
 
 /// How the scenario names its robot.
 struct Naming {
-  std::string scenario;     // name of the scenario
-  std::string robot;        // the setting `robot`: a name, or a path from the scenario's folder
-  std::string lock;         // the setting `lock`, or ""
-  bool unphysical = false;  // the setting unphysical=warn
+  std::string scenario;    // name of the scenario
+  std::string robot;       // the setting `robot`: a name, or a path from the scenario's folder
+  std::string lock;        // the setting `lock`, or ""
+  std::string unphysical;  // the setting `unphysical`
 };
 
 /// A file in the scenario's folder.

@@ -4,13 +4,10 @@
 #include <algorithm>
 #include <cmath>
 
+#include "master/workflows/starter/contact.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
-#include "models/mechanics/pose.h"
-#include "models/numerics/dense.h"
-#include "models/numerics/random.h"
 #include "models/robot/dynamics.h"
-#include "models/robot/urdf/urdf_document.h"
 #include "models/trajectory/waypoints.h"
 
 namespace cotwin::master::starter {
@@ -18,7 +15,6 @@ namespace cotwin::master::starter {
 namespace {
 
 using Eigen::MatrixXd;
-using Eigen::Vector3d;
 using Eigen::VectorXd;
 using robot::Joint;
 using robot::JointType;
@@ -28,29 +24,6 @@ bool is_revolute(const Joint& joint) { return joint.type == JointType::kRevolute
 double rounded(double x, double grain) { return std::round(x / grain) * grain; }
 std::size_t index(Eigen::Index i) { return static_cast<std::size_t>(i); }
 
-/// `q` at least the share `margin` of the range away from both limits.
-double within(const Joint& joint, double q, double margin) {
-  const bool low = std::isfinite(joint.q_min), high = std::isfinite(joint.q_max);
-  if (low && high) {
-    if (!(joint.q_max > joint.q_min)) return joint.q_min;
-    const double distance = margin * (joint.q_max - joint.q_min);
-    return std::clamp(q, joint.q_min + distance, joint.q_max - distance);
-  }
-  const double distance = is_revolute(joint) ? 0.3 : 0.05;  // rad, m
-  if (low) return std::max(q, joint.q_min + distance);
-  return high ? std::min(q, joint.q_max - distance) : q;
-}
-
-/// Near zero and away from the limits.
-VectorXd rest_posture(const RobotModel& robot) {
-  VectorXd q(robot.n());
-  for (Eigen::Index i = 0; i < q.size(); ++i) {
-    const Joint& joint = robot.joints[index(i)];
-    q[i] = within(joint, rounded(within(joint, 0, 0.15), 0.01), 0);
-  }
-  return q;
-}
-
 class Maker {
  public:
   Maker(const RobotModel& robot, Kind kind)
@@ -58,18 +31,17 @@ class Maker {
     sketch_.kind = kind;
   }
 
-  Sketch make(const std::optional<Drives>& known) {
-    VectorXd q = rest_posture(robot_);
-    if (sketch_.kind == Kind::kContact) {
-      probe_ = robot::on_body(robot_.end_effector());
-      size_ = reach();
-      q = bent_posture();
-    }
+  std::optional<Sketch> make(const std::optional<Drives>& known, ContactPlanner* planner, const Press& press) {
+    const VectorXd q = planner == nullptr ? rest_posture(robot_) : planner->posture(press);
     choose_drives(q, known);
     choose_compliance(q);
     if (sketch_.kind == Kind::kMotion) add_motion(q);
     if (sketch_.kind == Kind::kCompliance) add_push(q);
-    if (sketch_.kind == Kind::kContact) add_contact(q);
+    if (planner != nullptr) {
+      const std::optional<ContactPlanner::Plan> plan = planner->plan(press, inertia(q), sketch_.S_a);
+      if (!plan) return std::nullopt;
+      add_contact(q, *plan);
+    }
     keep_to_efforts();
     const Waypoint& last = sketch_.waypoints.back();
     sketch_.stop = std::ceil(last.t + last.dwell + 0.5);
@@ -89,50 +61,6 @@ class Maker {
     for (Eigen::Index i = 0; i < n_; ++i) M(i, i) += sketch_.drives.B.empty() ? 0 : sketch_.drives.B[index(i)];
     return M;
   }
-  /// Of the probe's centre, 3 x n, in the base frame.
-  MatrixXd translation(const VectorXd& q, Pose& X_BP) {
-    MatrixXd J(6, n_);
-    X_BP = robot::jacobian(mechanism_, data_, q, probe_, J);
-    return J.topRows(3);
-  }
-
-  /// Length of the chain from the first joint to the end-effector, m.
-  double reach() const {
-    double length = 0;
-    const robot::Frame& end = robot_.end_effector();
-    if (end.body < 0) return 0;
-    length += end.X_BF.p.norm();
-    for (int body = end.body; body >= 0; body = robot_.joint_of(body).parent) {
-      const Joint& moved = robot_.joint_of(body);
-      if (moved.parent >= 0) length += moved.X_PJ.p.norm();
-      if (!is_revolute(moved) && std::isfinite(moved.q_max - moved.q_min)) length += moved.q_max - moved.q_min;
-    }
-    return length;
-  }
-
-  /// Of 500 postures the one in which the end-effector moves best in all directions in which it can move.
-  VectorXd bent_posture() {
-    const VectorXd rest = rest_posture(robot_);
-    VectorXd best = rest;
-    double highest = -1;
-    for (std::uint32_t k = 0; k < 500; ++k) {
-      VectorXd q = rest;
-      for (Eigen::Index i = 0; k > 0 && i < n_; ++i) {
-        const double u = 2 * numerics::uniform({1, 0x57a7, 0, k, static_cast<std::uint32_t>(i)}) - 1;
-        q[i] = rounded(within(joint(i), rest[i] + u * (is_revolute(joint(i)) ? 1.6 : 0.5 * size_), 0.2), 0.01);
-      }
-      Pose X_BP;
-      const VectorXd sigma = numerics::singular_values(translation(q, X_BP));
-      double score = 1;
-      for (Eigen::Index i = 0; i < sigma.size(); ++i) score *= sigma[i] + 0.02 * size_;
-      if (score > highest) {
-        highest = score;
-        best = q;
-      }
-    }
-    return best;
-  }
-
   void choose_drives(const VectorXd& q, const std::optional<Drives>& known) {
     sketch_.assumed = !known.has_value();
     if (known) {
@@ -198,6 +126,7 @@ class Maker {
       double push = sketch_.S_a[index(i)] * (is_revolute(joint(i)) ? 0.1 : 0.02);  // deviation in rad, m
       const double free = joint(i).tau_max - std::abs(g[i]);
       if (free > 0) push = std::min(push, 0.3 * free);
+      if (const double way = joint(i).q_max - rest[i]; way > 0) push = std::min(push, 0.5 * way * sketch_.S_a[index(i)]);
       sketch_.push.push_back(text::parse_real(text::to_text(push, 2)).value());
     }
     add(rest, 0, 0);
@@ -213,78 +142,11 @@ class Maker {
     sketch_.waypoints.push_back({t, q, dwell});
   }
 
-  void add_contact(const VectorXd& start) {
-    const robot::Frame& end = robot_.end_effector();
-    if (!(size_ > 1e-3)) fail_contact("its end-effector '" + end.name + "' does not move");
-    Pose X_BP;
-    const MatrixXd J = translation(start, X_BP);
-    const numerics::Svd svd = numerics::svd(J);
-    const double sigma = svd.values[0];
-    if (!(sigma > 1e-6)) fail_contact("its end-effector '" + end.name + "' does not move in a line");
-    // Downwards where the robot can; otherwise in the direction in which it moves best, away from its base.
-    Vector3d u = -Vector3d::UnitZ();
-    if (J.row(2).norm() < 0.3 * sigma) {
-      u = svd.U.col(0);
-      if (u.dot(X_BP.p) < 0) u = -u;
-    }
-    Contact contact;
-    contact.frame = end.name;
-    contact.tool = "probe";
-    while (
-        std::any_of(robot_.frames.begin(), robot_.frames.end(), [&](const robot::Frame& f) { return f.name == contact.tool; }))
-      contact.tool += "_";
-    contact.direction = u;
-    contact.radius = rounded(std::clamp(0.02 * size_, 0.002, 0.02), 0.001);
-    contact.p_FP = X_BP.R.transpose() * u * std::clamp(0.12 * size_, 0.01, 0.15);
-    probe_.X_BF.p += probe_.X_BF.R * contact.p_FP;
-    contact.gap = std::max(rounded(0.04 * size_, 0.001), 0.001);
-    contact.depth = std::max(rounded(0.03 * size_, 0.001), 0.001);
-    contact.width = 0.4 * size_;
-    contact.height = 0.05 * size_;
-
-    VectorXd q = start;
-    translation(q, X_BP);
-    const Vector3d begin = X_BP.p;
-    const double way = contact.gap + contact.depth;
-    constexpr int kSteps = 200;
-    for (int k = 1; k <= kSteps; ++k) {
-      const MatrixXd Jq = translation(q, X_BP);
-      const Vector3d missing = begin + u * (way * k / kSteps) - X_BP.p;
-      const double damping = 1e-3 * sigma * sigma;
-      const Eigen::Matrix3d A = Jq * Jq.transpose() + damping * Eigen::Matrix3d::Identity();
-      q += Jq.transpose() * numerics::solve_ldlt(MatrixXd(A), missing);
-      for (Eigen::Index i = 0; i < n_; ++i) q[i] = within(joint(i), q[i], 0.01);
-    }
-    const MatrixXd J_end = translation(q, X_BP);
-    if (!(std::abs(u.dot(X_BP.p - begin) - way) < 0.1 * contact.depth))
-      fail_contact("its end-effector '" + end.name + "' cannot go on by " + text::to_text(way, 3) + " m");
-
-    contact.p_WO = begin + u * (contact.radius + contact.gap + contact.height / 2);
-    contact.rpy = robot::rpy_of(Eigen::Quaterniond::FromTwoVectors(Vector3d::UnitZ(), -u).toRotationMatrix());
-    // Stiffness of the joint admittance at the probe along u; the force is to be a tenth of the weight of the moving bodies.
-    const VectorXd a = J_end.transpose() * u;
-    const auto stiffness = [&] {
-      double yielding = 0;
-      for (Eigen::Index i = 0; i < n_; ++i) yielding += a[i] * a[i] / sketch_.S_a[index(i)];
-      return 1 / yielding;
-    };
-    constexpr double kHarder = 10;  // than the robot is the plate
-    double mass = 0;
-    for (const robot::Body& body : robot_.bodies) mass += body.inertia.mass;
-    if (mass > 0) {
-      const double now = contact.depth * stiffness() * kHarder / (1 + kHarder);
-      const double factor = std::clamp(0.1 * mass * 9.81 / now, 1.0 / 16, 2.25);
-      for (double& S : sketch_.S_a) S = text::parse_real(text::to_text(factor * S, 3)).value();
-    }
-    const double softer = stiffness();
-    const double effective_mass = 1 / a.dot(numerics::solve_ldlt(inertia(q), a));
-    contact.kp = text::parse_real(text::to_text(kHarder * softer, 2)).value();
-    contact.kd = text::parse_real(text::to_text(std::sqrt(contact.kp * effective_mass), 2)).value();
-    contact.force = contact.depth * softer * contact.kp / (softer + contact.kp);
-
-    for (double& x : q) x = rounded(x, 1e-6);
+  void add_contact(const VectorXd& start, const ContactPlanner::Plan& plan) {
+    sketch_.contact = plan.contact;
+    sketch_.S_a = plan.S_a;
     add(start, 0, 0.5);
-    add(q, 0, 2);
+    add(plan.end, 0, 2);
     add(start, 0, 0);
     // The motion into the plate is slow.
     for (std::size_t i = 1; i < 3; ++i) {
@@ -292,11 +154,6 @@ class Maker {
           std::max(0.0, 3 - (sketch_.waypoints[i].t - sketch_.waypoints[i - 1].t - sketch_.waypoints[i - 1].dwell));
       for (std::size_t k = i; k < 3; ++k) sketch_.waypoints[k].t += late;
     }
-    sketch_.contact = contact;
-  }
-
-  [[noreturn]] void fail_contact(const std::string& why) const {
-    throw Error("robot '" + robot_.name + "'", why + ", expected --kind motion or compliance");
   }
 
   /// Slows the motion down until the motors have the torque; sets limits aside that do not carry the robot's weight.
@@ -353,19 +210,27 @@ class Maker {
   std::vector<trajectory::Axis> axes_;
   Eigen::Index n_;
   Sketch sketch_;
-  robot::FrameOnBody probe_;
-  double size_ = 0;  // of the robot, m
 };
 
 }  // namespace
 
-Sketch make_sketch(const RobotModel& robot, Kind kind, const std::optional<Drives>& known) {
+void check_robot(const RobotModel& robot) {
   const std::string place = "robot '" + robot.name + "'";
   if (robot.n() == 0) throw Error(place, "has no joint that moves, expected revolute, continuous or prismatic joints");
   for (const Joint& joint : robot.joints) {
     if (joint.passive) throw Error(place, "joint '" + joint.name + "' is passive, expected motors at all joints, or --lock");
   }
-  return Maker(robot, kind).make(known);
+}
+
+Sketch make_sketch(const RobotModel& robot, Kind kind, const std::optional<Drives>& known) {
+  check_robot(robot);
+  return Maker(robot, kind).make(known, nullptr, {}).value();
+}
+
+std::optional<Sketch> make_contact(const RobotModel& robot, ContactPlanner& planner, const Press& press,
+                                   const std::optional<Drives>& known) {
+  check_robot(robot);
+  return Maker(robot, Kind::kContact).make(known, &planner, press);
 }
 
 }  // namespace cotwin::master::starter

@@ -51,13 +51,24 @@ struct Sketch {
   std::vector<Waypoint> waypoints;  // at least two
   double stop = 0;                  // s
   std::optional<Contact> contact;
+  bool robot_shapes = true;                // the robot's links collide; false: only the probe
   std::vector<std::string> without_limit;  // joints whose effort limit is set aside
   std::vector<std::string> notes;          // sentences for the user
 };
 
-/// Chooses posture, motion, drives (unless `known`), compliance and contact so that they suit the robot's inertia, limits and
-/// size. The motion keeps to 30 % of the speed limits and to the effort limits. Throws Error for a robot without joints, with
-/// passive joints, and for a contact that the robot cannot make.
+class ContactPlanner;
+struct Press;
+
+/// Throws Error for a robot without joints, or with passive joints.
+void check_robot(const robot::RobotModel& robot);
+
+/// Chooses posture, motion, drives (unless `known`) and compliance so that they suit the robot's inertia, limits and
+/// size. The motion keeps to 30 % of the speed limits and to the effort limits. Throws Error for a robot without joints and with
+/// passive joints. `kind` is kMotion or kCompliance.
 Sketch make_sketch(const robot::RobotModel& robot, Kind kind, const std::optional<Drives>& known);
+/// The same with a contact. nullopt for a direction in which the end-effector does not move well. Throws Error also for a press that the
+/// robot cannot make.
+std::optional<Sketch> make_contact(const robot::RobotModel& robot, ContactPlanner& planner, const Press& press,
+                                   const std::optional<Drives>& known);
 
 }  // namespace cotwin::master::starter

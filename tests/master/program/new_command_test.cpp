@@ -225,8 +225,15 @@ TEST(New, LinksWithoutInertiaAreAnErrorOrANote) {
   EXPECT_EQ(refused.code, 2);
   EXPECT_THAT(refused.err, HasSubstr("hollow.urdf:"));
   EXPECT_THAT(refused.err, HasSubstr("moves no mass"));
-  EXPECT_THAT(refused.err, HasSubstr("--unphysical warn"));
+  EXPECT_THAT(refused.err, HasSubstr("it runs with: --unphysical estimate"));
   EXPECT_FALSE(fs::exists(folder / "hollow_motion"));
+  for (const std::string kind : {"motion", "compliance", "contact"}) {
+    const RunResult estimated =
+        make(folder, {"--robot", "hollow.urdf", "--kind", kind, "--unphysical", "estimate", "--out", "estimated_" + kind});
+    ASSERT_EQ(estimated.code, 0) << estimated.err;
+    EXPECT_THAT(estimated.out, HasSubstr("estimated as"));
+    expect_tracking(run(folder, "estimated_" + kind + "/twin.ssd"));
+  }
 
   const RunResult made = make(folder, {"--robot", "hollow.urdf", "--unphysical", "warn"});
   ASSERT_EQ(made.code, 0) << made.err;
@@ -242,14 +249,97 @@ TEST(New, RefusesRobotsThatItCannotMove) {
   folder.write("rotor.urdf", "<robot name=\"rotor\">" + link("base", 1) + link("disc", 1) +
                                  joint("turn", "continuous", "base", "disc", "0 0 1", "<limit effort=\"1\" velocity=\"9\"/>") +
                                  "</robot>");
-  const RunResult contact = make(folder, {"--robot", "rotor.urdf", "--kind", "contact"});
+  folder.write("stiff.urdf", "<robot name=\"stiff\">" + link("base", 1) + link("flap", 1) + link("tip", 1) +
+                                 joint("turn", "revolute", "base", "flap", "0 0 1",
+                                       "<limit lower=\"0\" upper=\"1e-4\" effort=\"1\" velocity=\"9\"/>") +
+                                 joint("mount", "fixed", "flap", "tip", "1 0 0", "") + "</robot>");
+  const RunResult contact = make(folder, {"--robot", "stiff.urdf", "--kind", "contact"});
   EXPECT_EQ(contact.code, 2);
-  EXPECT_THAT(contact.err, HasSubstr("expected --kind motion or compliance"));
+  EXPECT_THAT(contact.err, HasSubstr("frame 'tip': it cannot go on by"));
+  EXPECT_THAT(contact.err, HasSubstr("expected --end-effector LINK, or --kind motion or compliance"));
+  EXPECT_FALSE(fs::exists(folder / "stiff_contact"));
   EXPECT_EQ(make(folder, {"--robot", "rotor.urdf"}).code, 0);
   EXPECT_THAT(make(folder, {"--robot", "nowhere.urdf"}).err, HasSubstr("is neither a file nor the name of a robot"));
   folder.write("free.urdf", "<robot name=\"free\">" + link("base", 1) + link("body", 1) +
                                 joint("fly", "floating", "base", "body", "0 0 1", "") + "</robot>");
   EXPECT_THAT(make(folder, {"--robot", "free.urdf"}).err, HasSubstr("free.urdf:"));
+}
+
+TEST(New, PressesWithAWheel) {
+  const TemporaryFolder folder("new");
+  const fs::path file = folder.write(
+      "rotor.urdf", "<robot name=\"rotor\">" + link("base", 1) + link("disc", 1) +
+                        joint("turn", "continuous", "base", "disc", "0 0 1", "<limit effort=\"1\" velocity=\"9\"/>") +
+                        "</robot>");
+  expect_kinds(file.string());
+}
+
+/// Two links that turn about vertical axes, a quill and a roll at its end.
+TEST(New, PressesWithAScara) {
+  const TemporaryFolder folder("new");
+  const std::string turns = "<limit lower=\"-2.4\" upper=\"2.4\" effort=\"100\" velocity=\"5\"/>";
+  const fs::path file = folder.write(
+      "scara.urdf", "<robot name=\"scara\"><link name=\"base\"/>\n" + link("upper", 6) + link("fore", 4) + link("quill", 1) +
+                        link("flange", 0.2) + joint("shoulder", "revolute", "base", "upper", "0 0 1", turns) +
+                        joint("elbow", "revolute", "upper", "fore", "0 0 1", turns) +
+                        joint("lift", "prismatic", "fore", "quill", "0 0 1",
+                              "<limit lower=\"-0.1\" upper=\"0\" effort=\"200\" velocity=\"1\"/>") +
+                        joint("roll", "revolute", "quill", "flange", "0 0 1", turns) + "</robot>");
+  expect_kinds(file.string());
+}
+
+TEST(New, MountsTheProbeAtThePalmAndNotAtAFinger) {
+  const TemporaryFolder folder("new");
+  folder.write("mixed.urdf", mixed_robot("mixed"));
+  const RunResult palm = make(folder, {"--robot", "mixed.urdf", "--kind", "contact"});
+  ASSERT_EQ(palm.code, 0) << palm.err;
+  EXPECT_THAT(palm.out, HasSubstr("note: the probe is mounted at 'flange', not at the finger 'left'"));
+  EXPECT_THAT(content(folder / "mixed_contact/twin.ssd"), HasSubstr("parent=\"flange\""));
+  const RunResult finger =
+      make(folder, {"--robot", "mixed.urdf", "--kind", "contact", "--end-effector", "right", "--out", "finger"});
+  ASSERT_EQ(finger.code, 0) << finger.err;
+  EXPECT_THAT(content(folder / "finger/twin.ssd"), HasSubstr("parent=\"right\""));
+  EXPECT_THAT(make(folder, {"--robot", "mixed.urdf", "--kind", "contact", "--end-effector", "rigth", "--out", "x"}).err,
+              HasSubstr("'right'"));
+  EXPECT_THAT(make(folder, {"--robot", "mixed.urdf", "--end-effector", "right", "--out", "x"}).err,
+              HasSubstr("is of --kind contact"));
+}
+
+TEST(New, LocksJointsThatCannotMove) {
+  const TemporaryFolder folder("new");
+  std::string robot = mixed_robot("mixed");
+  const std::string free = "lower=\"-2\" upper=\"2\" effort=\"0\" velocity=\"0\"";
+  robot.replace(robot.find(free), free.size(), "lower=\"0.3\" upper=\"0.3\" effort=\"9\" velocity=\"1\"");
+  folder.write("mixed.urdf", robot);
+  const RunResult made = make(folder, {"--robot", "mixed.urdf"});
+  ASSERT_EQ(made.code, 0) << made.err;
+  EXPECT_THAT(made.out, HasSubstr("note: joints whose lower and upper limit are the same are locked: bend:0.3"));
+  expect_tracking(run(folder, "mixed_motion/twin.ssd"));
+}
+
+TEST(New, NamesTheUnitsOfAUrdfThatIsNotInSi) {
+  const TemporaryFolder folder("new");
+  std::string robot = mixed_robot("mixed");  // its lengths in mm; without inertias, which are estimated
+  for (const auto& [metres, millimetres] :
+       {std::pair{"0.02 0 0.3", "20 0 300"},
+        {"upper=\"2\" effort=\"500\" velocity=\"1\"", "upper=\"2000\" effort=\"500\" velocity=\"1000\""},
+        {"0.04", "40"},
+        {"velocity=\"0.1\"", "velocity=\"100\""}}) {
+    for (std::size_t at = 0; (at = robot.find(metres, at)) != std::string::npos; at += std::string(millimetres).size())
+      robot.replace(at, std::string(metres).size(), millimetres);
+  }
+  folder.write("mixed.urdf", robot);
+  const RunResult refused = make(folder, {"--robot", "mixed.urdf"});
+  EXPECT_EQ(refused.code, 2);
+  EXPECT_THAT(refused.err, HasSubstr("it runs with: --urdf-units length=mm"));
+  const RunResult made =
+      make(folder, {"--robot", "mixed.urdf", "--urdf-units", "length=mm,inertia=kg.m2", "--kind", "compliance"});
+  ASSERT_EQ(made.code, 0) << made.err;
+  EXPECT_THAT(content(folder / "mixed_compliance/twin.ssd"), HasSubstr("name=\"robot\" value=\"./robot.urdf\""));
+  EXPECT_THAT(content(folder / "mixed_compliance/waypoints.csv"), HasSubstr("# q1: 'rail' in m, from 0 to 2, at most 1 m/s"));
+  expect_tracking(run(folder, "mixed_compliance/twin.ssd"));
+  EXPECT_THAT(make(folder, {"--robot", "mixed.urdf", "--urdf-units", "lenght=mm"}).err,
+              HasSubstr("--urdf-units: 'lenght=mm', expected"));
 }
 
 TEST(New, LockedJointsStandStill) {

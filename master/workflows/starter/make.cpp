@@ -1,0 +1,222 @@
+#include "master/workflows/starter/make.h"
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <optional>
+
+#include "components/unit/settings.h"
+#include "components/unit/unit.h"
+#include "fmu/archive/archive.h"
+#include "master/scenario/folders.h"
+#include "master/workflows/starter/contact.h"
+#include "master/workflows/starter/trial.h"
+#include "models/foundation/support/atomic_file.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
+#include "models/robot/urdf/units.h"
+#include "models/scene/urdf/urdf_in_si.h"
+
+namespace cotwin::master::starter {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+class Search {
+ public:
+  Search(const Request& request, std::span<const UnitType> types) : request_(request), types_(types) {}
+
+  /// Only reads the robot.
+  robot::RobotModel robot() {
+    prepare();
+    read();
+    return result_.model;
+  }
+
+  Starter make() {
+    if (!request_.end_effector.empty() && request_.kind != Kind::kContact)
+      throw Error("--end-effector " + request_.end_effector, "is of --kind contact, expected that kind or no end-effector");
+    prepare();
+    read();
+    if (request_.kind == Kind::kContact) {
+      make_contact_scenario();
+    } else {
+      result_.sketch = make_sketch(result_.model, request_.kind, drives_);
+      try_it();
+    }
+    // Lines of the URDF that is written, not of the one for the trial.
+    for (std::string& note : notes_)
+      if (!result_.converted.empty() && note.starts_with(setting_)) note = "robot.urdf" + note.substr(setting_.size());
+    Sketch& sketch = result_.sketch;
+    sketch.notes.insert(sketch.notes.begin(), notes_.begin(), notes_.end());
+    return std::move(result_);
+  }
+
+ private:
+  void prepare() {
+    result_.lock = request_.lock;
+    result_.unphysical = request_.unphysical;
+    setting_ = request_.robot;
+    if (request_.units.empty()) return;
+    const robot::UrdfUnits units = robot::parse_urdf_units(request_.units, "--urdf-units");
+    result_.converted = scene::urdf_in_si(urdf_of(request_.robot), units);
+    setting_ = (folder_.path() / "robot.urdf").string();
+    write_file(setting_, result_.converted);
+  }
+
+  Settings settings() const {
+    Settings settings("drive_train", "", {{"robot", setting_}, {"lock", result_.lock}, {"unphysical", result_.unphysical}},
+                      model_folders({}));
+    settings.declare(settings_of(find_type("drive_train", types_)));
+    return settings;
+  }
+
+  /// The robot, its drives if files beside it have them, and warnings of the reader as notes.
+  void read() {
+    Settings first = settings();
+    result_.model = first.robot();
+    std::string stuck;
+    for (const robot::Joint& joint : result_.model.joints) {
+      if (joint.q_min == joint.q_max) text::append(stuck, joint.name + ":" + text::to_text(joint.q_min), ",");
+    }
+    notes_ = first.warnings();
+    if (!stuck.empty()) {
+      text::append(result_.lock, stuck, ",");
+      Settings again = settings();
+      result_.model = again.robot();
+      notes_ = again.warnings();
+      notes_.push_back("joints whose lower and upper limit are the same are locked: " + stuck);
+    }
+    result_.robot = result_.model.name;
+    if (result_.model.n() == 0) return;
+    Settings known = settings();
+    const Instance drive = make_unit(known, types_);
+    if (drive.given.empty()) return;
+    const auto values = [&](const char* name) {
+      const std::span<double> reals = drive.variables.at(name).reals();
+      return std::vector<double>(reals.begin(), reals.end());
+    };
+    drives_ = Drives{values("K"), values("D"), values("B"), values("sigma2"), values("tau_C")};
+  }
+
+  fs::path write() const {
+    const fs::path place = folder_.path() / "trial";
+    make_folder(place);
+    for (const File& file : result_.files("trial", setting_)) write_file(place / file.name, file.text);
+    return place / "twin.ssd";
+  }
+  void try_it() const { try_scenario(write(), result_.sketch, result_.model, types_); }
+
+  /// With the shapes of the links, unless they touch one another or something else at the start.
+  void try_contact() {
+    const std::optional<std::string> touching = touching_at_start(write(), result_.model, types_);
+    std::string why = touching.value_or("");
+    if (!touching) {
+      try {
+        try_it();
+        return;
+      } catch (const Error& error) {
+        why = error.what();
+      }
+    }
+    result_.sketch.robot_shapes = false;
+    try_it();
+    result_.sketch.notes.push_back(
+        "only the probe touches the plate (robot_shapes=none in twin.ssd), because with the shapes of the links " + why);
+  }
+
+  void make_contact_scenario() {
+    const robot::RobotModel& robot = result_.model;
+    check_robot(robot);
+    const robot::Frame& end = request_.end_effector.empty() ? flange(robot) : robot.frame(request_.end_effector);
+    const std::string advice = ", expected --end-effector LINK, or --kind motion or compliance";
+    std::string first, tried;
+    try {
+      ContactPlanner planner(robot, end);
+      constexpr int kMostTrials = 6;
+      int trials = 0;
+      for (const double scale : kPressScales) {
+        for (int direction = 0; direction < kPressDirections; ++direction) {
+          for (int posture = 0; posture < kPressPostures && trials < kMostTrials; ++posture) {
+            try {
+              std::optional<Sketch> sketch = make_contact(robot, planner, {posture, direction, scale}, drives_);
+              if (!sketch) continue;
+              result_.sketch = *std::move(sketch);
+              ++trials;
+              try_contact();
+              if (end.name != robot.end_effector().name && request_.end_effector.empty())
+                result_.sketch.notes.push_back("the probe is mounted at '" + end.name + "', not at the finger '" +
+                                               robot.end_effector().name + "' (--end-effector LINK)");
+              return;
+            } catch (const Error& error) {
+              if (first.empty() || (trials == 1 && tried.empty())) first = error.what();
+              if (trials > 0) tried = first;
+            }
+          }
+        }
+      }
+    } catch (const Error& error) {
+      throw Error(error.what() + advice);
+    }
+    throw Error("no contact at '" + end.name + "' of robot '" + robot.name + "' was found that runs as promised",
+                "the first that was tried: " + first + advice);
+  }
+
+  const Request& request_;
+  std::span<const UnitType> types_;
+  fmu::TemporaryFolder folder_;
+  std::string setting_;  // of the robot, for the trial
+  std::optional<Drives> drives_;
+  std::vector<std::string> notes_;
+  Starter result_;
+};
+
+/// Whether `estimate` reads something that `request` does not, or bodies otherwise than as they are.
+bool estimate_matters(const Request& request, const Request& estimate, std::span<const UnitType> types) {
+  try {
+    return Search(request, types).robot().bodies != Search(estimate, types).robot().bodies;
+  } catch (const Error&) {
+    return true;
+  }
+}
+
+/// The line that tells which options cure an error, or why those that were tried do not; "" if there are none.
+std::string advice(const Request& request, const std::string& options, const Error& error, std::span<const UnitType> types) {
+  Request other = request;
+  std::string option;
+  if (const auto* units = dynamic_cast<const robot::OtherUnits*>(&error); units != nullptr && request.units.empty()) {
+    other.units = units->units;
+    option = "--urdf-units " + units->units;
+  } else {
+    other.unphysical = "estimate";
+    option = "--unphysical estimate";
+    if (request.unphysical == "estimate" || !estimate_matters(request, other, types)) return "";
+  }
+  const std::string all = options + (options.empty() ? "" : " ") + option;
+  try {
+    (void)Search(other, types).make();
+    return "\nit runs with: " + all;
+  } catch (const Error& next) {
+    const std::string more = advice(other, all, next, types);
+    return more.empty() ? "\nwith " + all + ": " + next.what() : more;
+  }
+}
+
+}  // namespace
+
+std::vector<File> Starter::files(const std::string& scenario, const std::string& robot_setting) const {
+  std::vector<File> all = files_of(sketch, model, {scenario, robot_setting, lock, unphysical});
+  if (!converted.empty()) all.push_back({"robot.urdf", converted});
+  return all;
+}
+
+Starter make_starter(const Request& request, std::span<const UnitType> types) {
+  try {
+    return Search(request, types).make();
+  } catch (const Error& error) {
+    throw Error(error.what() + advice(request, "", error, types));
+  }
+}
+
+}  // namespace cotwin::master::starter
