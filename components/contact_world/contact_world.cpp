@@ -443,11 +443,11 @@ void ContactWorld::tell(std::vector<std::string>& notes) const {
                     " dents were forgotten, expected more than dents=" + std::to_string(options_.dents));
   }
   if (unsolved_time_ > kUnsolvedTime) {
-    notes.push_back(
-        "contacts were left unsolved for " + text::to_text(unsolved_time_, 3) + " s of the run, with a residual of up to " +
-        text::to_text(largest_unsolved_, 2) +
-        " m/s, expected at most the speed that gravity gives in two steps, at rest a twentieth of it: bodies may slide or "
-        "fall where they should stand; more max_iterations or smaller steps help");
+    notes.push_back("contacts were left unsolved for " + text::to_text(unsolved_time_, 3) +
+                    " s of the run, with a residual of up to " + text::to_text(largest_unsolved_, 2) +
+                    " m/s, expected at most the speed that gravity gives in two steps, at rest a twentieth of it or 1 mm/s: "
+                    "bodies may slide or "
+                    "fall where they should stand; more max_iterations or smaller steps help");
   }
   if (largest_swing_ <= kResolvedSwing) return;
   notes.push_back("the step is " + text::to_text(std::round(10 * largest_swing_) / 10) +

@@ -147,9 +147,9 @@ void ContactWorld::declare(Variables& v) {
            "largest h ω of a loaded soft contact, with its spring and the mobility behind it; above 1 `force` misses peaks");
   v.output("extended", extended_,
            "islands that took more than max_iterations sweeps in the step, up to 50 times as many, or were pivoted");
-  v.output(
-      "unsolved", unsolved_,
-      "islands left with a residual above 2 h g, the speed that gravity gives in two steps, at rest above a twentieth of it");
+  v.output("unsolved", unsolved_,
+           "islands left with a residual above 2 h g, the speed that gravity gives in two steps, at rest above a twentieth of "
+           "it or 1 mm/s");
   for (const auto& body : bodies_) {
     if (body->foundation.any()) body->foundation.declare(v, body->prefix);
   }

@@ -3,6 +3,7 @@
 //   contact_world                           JSON rows
 //   contact_world table [CASE [ENGINE]]     the ordinary scenes as a table in Markdown, engines as columns
 //   contact_world scenes [CASE [ENGINE]]    the hard scenes, likewise
+//   contact_world closed_forms [CASE [ENGINE]]    scenes with closed forms at several steps and sizes: which cells are right, wrong, told
 // CASE and ENGINE: parts of names. "does not end": more than 30 s of processor time.
 
 #include <algorithm>
@@ -12,6 +13,7 @@
 #include <vector>
 
 #include "tests/benchmarks/contact/cases.h"
+#include "tests/benchmarks/contact/closed_forms.h"
 #include "tests/benchmarks/contact/isolated.h"
 #include "tests/benchmarks/measure.h"
 
@@ -170,6 +172,7 @@ void print_scene(const Case& what, const std::vector<Outcome>& outcomes) {
 
 int main(int argc, char** argv) {
   const std::string mode = argc > 1 ? argv[1] : "", filter = argc > 2 ? argv[2] : "", engine = argc > 3 ? argv[3] : "";
+  if (mode == "closed_forms") return print_closed_forms(filter, engine) > 0 ? 1 : 0;
   std::vector<std::vector<Case>> all;
   if (mode != "scenes") all = {scene_cases(), public_cases()};
   if (mode != "table") {

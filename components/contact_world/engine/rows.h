@@ -182,6 +182,9 @@ class Rows {
   double solve(Core& core);
   double solve_any(Core& core);
   double share(const Island& island);
+  double push_into_cone(Core& core);
+  bool slips(const Island& island, double speed) const;
+  void hold(const Island& island, double enough, Outcome& outcome);
   void apply_start(const Island& island);
   void scale_start(const Island& island);
   bool adds_energy(const Island& island) const;
@@ -232,6 +235,7 @@ class Rows {
   std::vector<int> pairs_;           // pair of bodies of each row of A_
   std::uint64_t version_ = 0;        // of A_
   std::vector<double> diagonal_;     // of A_ without softness
+  bool holding_ = false;             // sweeps minimise the kinetic energy over the cones
   bool linear_ = false;              // no contact opened, closed, slipped or began to stick in the last sweep
   bool assembled_ = false;           // A_ belongs to the only island, as prepared
   std::vector<FrictionCone> friction_;

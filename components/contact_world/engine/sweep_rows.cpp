@@ -29,6 +29,9 @@ constexpr double kConvergedAtRest = 1e-4;
 /// Residual, relative to the speed of rest, above which small moving islands are pivoted after sweeps, and islands at rest are unsolved.
 constexpr double kPoorResidual = 0.05;
 
+/// The same as speeds for long steps, in which bodies creep as far as in short ones: converged, unsolved. m/s
+constexpr double kConvergedCreep = 2e-6, kPoorCreep = 1e-3;
+
 /// Residual that ends additional sweeps over limits, motors and friction of joints, which cost little: rad/s, m/s.
 constexpr double kConvergedAxes = 1e-6;
 
@@ -179,6 +182,7 @@ double Rows::solve(Core& core) {
 
 /// Returns the change of velocity that the contact required.
 double Rows::solve_any(Core& core) {
+  if (holding_) return push_into_cone(core);
   const int a = core.side[0].size, b = core.side[1].size;
   if (a == 6 && b == 6) return solve<6, 6>(core);
   if (a == 0 && b == 6) return solve<0, 6>(core);
@@ -339,7 +343,7 @@ bool Rows::at_rest(const Island& island, double rest) const {
 
 /// More sweeps for islands at rest and for those without contacts.
 Rows::Effort Rows::effort(const Island& island, int iterations, double tolerance, bool rests, double rest) const {
-  Effort effort{iterations, iterations, tolerance, std::max(tolerance, kConvergedAtRest * rest)};
+  Effort effort{iterations, iterations, tolerance, std::max(tolerance, std::min(kConvergedAtRest * rest, kConvergedCreep))};
   const std::size_t contacts = island.end_cone - island.first_cone, boxes = island.end_box - island.first_box;
   if (contacts == 0 && boxes <= kContactsAtRest) {
     effort.most = kFactorAtRest * iterations;
@@ -377,7 +381,7 @@ Rows::Outcome Rows::sweep(const Island& island, int iterations, double tolerance
   Effort some = most;
   some.most = std::min(most.most, kFactorBeforePivots * iterations);
   Outcome outcome = sweep_only(island, some);
-  outcome.unsolved = rest > 0 && outcome.residual > (rests ? kPoorResidual : 1) * rest;
+  outcome.unsolved = rest > 0 && outcome.residual > (rests ? std::min(kPoorResidual * rest, kPoorCreep) : rest);
   const bool more = most.most > some.most, exact = allowed == Residual::kNone;
   double enough = most.tolerance_at_rest;
   if (!more) enough = exact ? std::max(tolerance, kExactResidual * rest) : kPoorResidual * rest;
@@ -403,7 +407,8 @@ Rows::Outcome Rows::sweep(const Island& island, int iterations, double tolerance
   }
   outcome.iterations += sweeps;
   outcome.extended = 1;
-  outcome.unsolved = rest > 0 && outcome.residual > (rests ? kPoorResidual : 1) * rest;
+  if (more && !large && slips(island, enough)) hold(island, enough, outcome);
+  outcome.unsolved = rest > 0 && outcome.residual > (rests ? std::min(kPoorResidual * rest, kPoorCreep) : rest);
   return outcome;
 }
 

@@ -114,6 +114,7 @@ class Bullet final : public Engine {
       case scene::JointType::kRevolute: {
         auto hinge = std::make_unique<btHingeConstraint>(body(joint.child), body(joint.parent), to_bullet(X_C), to_bullet(X_P));
         hinges_.back() = hinge.get();
+        if (joint.q_min > -scene::kInfinity && joint.q_max < scene::kInfinity) hinge->setLimit(joint.q_min, joint.q_max);
         joints_.push_back(std::move(hinge));
         break;
       }

@@ -13,7 +13,13 @@ class Ours final : public Engine {
  public:
   Ours(const scene::Scene& scene, contact_world::Method method, int sweeps) : world_(scene, options(scene, method, sweeps)) {}
   Ours(const scene::Scene& scene, contact_world::Options options) : world_(scene, options) {}
-  void step(double h) override { world_.step(h); }
+  void step(double h) override {
+    world_.step(h);
+    ended_ = ended_ || !world_.fault(kGapLimit, kEnergyLimit).empty();
+    if (world_.status().unsolved > 0) unsolved_ += h;
+  }
+  bool told() const override { return ended_ || unsolved_ > kUnsolved; }
+  bool ended() const override { return ended_; }
   void read(std::span<Pose> X_WB, std::span<Twist> V_WB) const override {
     std::copy(world_.poses().begin(), world_.poses().end(), X_WB.begin());
     std::copy(world_.twists().begin(), world_.twists().end(), V_WB.begin());
@@ -36,8 +42,21 @@ class Ours final : public Engine {
     return options;
   }
 
+  // As the unit contact_world
+  static constexpr double kGapLimit = 0.01, kEnergyLimit = 0.25;  // m
+  static constexpr double kUnsolved = 0.05;                       // s
+
   contact_world::World world_;
+  bool ended_ = false;
+  double unsolved_ = 0;  // s
 };
+
+std::unique_ptr<Engine> make_user(const scene::Scene& scene, contact_world::Method method) {
+  contact_world::Options options;
+  options.method = method;
+  options.contacts = 16 * scene.bodies.size();
+  return std::make_unique<Ours>(scene, options);
+}
 
 }  // namespace
 
@@ -55,6 +74,15 @@ std::unique_ptr<Engine> make_pgs(const scene::Scene& scene, double, int sweeps) 
 }
 std::unique_ptr<Engine> make_dantzig(const scene::Scene& scene, double, int sweeps) {
   return std::make_unique<Ours>(scene, contact_world::Method::kDantzig, sweeps);
+}
+std::unique_ptr<Engine> make_user_tree(const scene::Scene& scene, double, int) {
+  return make_user(scene, contact_world::Method::kTree);
+}
+std::unique_ptr<Engine> make_user_pgs(const scene::Scene& scene, double, int) {
+  return make_user(scene, contact_world::Method::kPgs);
+}
+std::unique_ptr<Engine> make_user_dantzig(const scene::Scene& scene, double, int) {
+  return make_user(scene, contact_world::Method::kDantzig);
 }
 
 Principal principal(const Inertia& inertia) {

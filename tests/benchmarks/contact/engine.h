@@ -22,6 +22,9 @@ class Engine {
   virtual void set_tau(std::size_t joint, double tau) = 0;  // over the next step, N.m
   virtual void set_motor(std::size_t joint, double dq, double tau_max) = 0;
   virtual void apply(std::size_t body, const Wrench& F_C_W) = 0;  // at the centre of mass, over the next step
+  /// Whether a user has been told that the run may be wrong, and whether it has ended for that reason.
+  virtual bool told() const { return false; }
+  virtual bool ended() const { return false; }
 };
 
 /// Thrown by an engine that cannot build a scene: it is left out.
@@ -41,6 +44,10 @@ std::unique_ptr<Engine> make_default(const scene::Scene& scene, double h, int sw
 std::unique_ptr<Engine> make_tree(const scene::Scene& scene, double h, int sweeps);
 std::unique_ptr<Engine> make_pgs(const scene::Scene& scene, double h, int sweeps);
 std::unique_ptr<Engine> make_dantzig(const scene::Scene& scene, double h, int sweeps);
+/// Cotwin as a user gets it with `method=`: default options, and what the unit tells about a run.
+std::unique_ptr<Engine> make_user_tree(const scene::Scene& scene, double h, int sweeps);
+std::unique_ptr<Engine> make_user_pgs(const scene::Scene& scene, double h, int sweeps);
+std::unique_ptr<Engine> make_user_dantzig(const scene::Scene& scene, double h, int sweeps);
 /// Open Dynamics Engine: dWorldQuickStep with 20 iterations, or dWorldStep. Other settings are defaults, except: eight contacts
 /// per pair, friction pyramid scaled by the normal force; soft contacts by ERP and CFM as its manual has them.
 std::unique_ptr<Engine> make_ode_quick(const scene::Scene& scene, double h, int sweeps);

@@ -177,6 +177,8 @@ class Ode final : public Engine {
         dJointAttach(id, body(joint.child), body(joint.parent));
         dJointSetHingeAnchor(id, X_WJ.p.x(), X_WJ.p.y(), X_WJ.p.z());
         dJointSetHingeAxis(id, axis.x(), axis.y(), axis.z());
+        if (joint.q_min > -scene::kInfinity) dJointSetHingeParam(id, dParamLoStop, joint.q_min);
+        if (joint.q_max < scene::kInfinity) dJointSetHingeParam(id, dParamHiStop, joint.q_max);
         break;
       case scene::JointType::kPrismatic:
         id = dJointCreateSlider(world_, nullptr);
