@@ -239,7 +239,7 @@ TEST(ServeCommand, RefusesWhatCanNeverBeAnsweredBeforeItIsAJob) {
   const std::vector<Case> cases = {
       {{{"service", "optimise"}, {"robot", "planar2"}}, "/from_q_rad"},
       {changed("", {{"dq_mx", 1}}), "/dq_mx"},
-      {changed("T_min_s", json::object()), "/T_min_s"},
+      {changed("T_min_s", json::object()), ""},
       {changed("", {{"robot", "planar2"}}), "/from_q_rad"},
       {changed("", {{"robot", "nobody"}}), "/robot"},
       {changed("", {{"cost", {{{"name", "speed"}}}}}), "/cost/0/name"},
