@@ -5,7 +5,7 @@
 #include <utility>
 
 #include "components/compliance/joints/views.h"
-#include "models/numerics/dense.h"
+#include "models/numerics/modes.h"
 #include "models/robot/robot_model.h"
 
 namespace cotwin::compliance {
@@ -59,6 +59,7 @@ ImpedanceControl::ImpedanceControl(const robot::RobotModel& robot, std::vector<i
   SJ_.setZero(6, n);
   J_.setZero(m, n);
   Y_.setZero(n, m);
+  modes_x_.setZero(n, 6);
   A_.setZero(m, m);
   for (MatrixXd* matrix : {&M_, &S_q_, &square_, &fourth_}) matrix->setZero(n, n);
   M_llt_.compute(MatrixXd::Identity(n, n));
@@ -286,6 +287,35 @@ void ImpedanceControl::solve_statics(Links& links, const robot::FrameOnBody& E, 
   }
 }
 
+/// damping_behind_gears() of each mode: `V` has the directions of the modes in columns, `values` their stiffness.
+ImpedanceControl::Six ImpedanceControl::factors_behind_gears(const Eigen::Ref<const ModeColumns>& V, const Six& values,
+                                                             const robot::DriveParameters& drives, const Joints& shaping) {
+  const Index n = M_.rows();
+  const MatrixXd& L = M_llt_.matrixLLT();
+  Six motors = Six::Zero(), twist = Six::Zero();
+  // L_Mᵀ times the motion of the joints in each mode, and their torques for an acceleration of 1.
+  for (Index i = 0; i < n; ++i) {
+    modes_x_.row(i).setZero();
+    for (Index j = 0; j < V.rows(); ++j) modes_x_.row(i) += Y_(i, j) * V.row(j);
+  }
+  for (Index i = 0; i < n; ++i) {
+    const double K = drives.K[static_cast<std::size_t>(i)];
+    if (!(K > 0)) continue;
+    Eigen::Matrix<double, 1, 6> torque = L(i, 0) * modes_x_.row(0);
+    for (Index j = 1; j <= i; ++j) torque += L(i, j) * modes_x_.row(j);
+    twist += torque.cwiseAbs2().transpose() / K;
+  }
+  for (Index i = n - 1; i >= 0; --i) {
+    for (Index j = i + 1; j < n; ++j) modes_x_.row(i) -= L(j, i) * modes_x_.row(j);
+    modes_x_.row(i) /= L(i, i);
+    const auto joint = static_cast<std::size_t>(i);
+    if (drives.K[joint] > 0) motors += drives.B[joint] / shaping[joint] * modes_x_.row(i).cwiseAbs2().transpose();
+  }
+  Six factors;
+  for (Index k = 0; k < 6; ++k) factors[k] = values[k] > 0 ? damping_behind_gears(values[k] * twist[k], 1 - motors[k]) : 1.0;
+  return factors;
+}
+
 /// With the inertia A⁻¹ of the rendered directions, A = L Lᵀ, and Lᵀ S L = U Ω² Uᵀ: D_T, D_R and √ζ L⁻ᵀ U diag(2 Ω γ) Uᵀ L⁻¹ √ζ. The modes
 /// L u damp out without coupling if the ratios of translation and rotation are equal.
 ImpedanceControl::Square ImpedanceControl::damping(const ElasticFrame& frame, const robot::DriveParameters& drives,
@@ -310,30 +340,19 @@ ImpedanceControl::Square ImpedanceControl::damping(const ElasticFrame& frame, co
       W(i, j) = S(at(i), at(j)) / (unit(i) * unit(j));
     }
   }
-  W = (L.transpose() * W * L).eval();
-  const numerics::SymmetricEigen<6> modes = numerics::symmetric_eigen<6>((W + W.transpose()) / 2);
-  const Square V = L.transpose().triangularView<Eigen::Upper>().solve(modes.vectors);  // L⁻ᵀ U
-  Square of_modes = Square::Zero();
-  for (Index k = 0; k < 6; ++k) {
-    const double stiffness = std::max(modes.values[k], 0.0);
-    double factor = 1;
-    if (elastic_ && stiffness > 0) {
-      x_.noalias() = Y_ * V.col(k).head(m);  // L_Mᵀ times the motion of the joints in this mode
-      r_.noalias() = M_llt_.matrixL() * x_;  // their torques for an acceleration of 1
-      M_llt_.matrixU().solveInPlace(x_);
-      double motors = 0, twist = 0;
-      for (Index i = 0; i < x_.size(); ++i) {
-        const auto joint = static_cast<std::size_t>(i);
-        const double K = drives.K[joint];
-        if (!(K > 0)) continue;
-        motors += drives.B[joint] / shaping[joint] * x_[i] * x_[i];
-        twist += r_[i] * r_[i] / K;
-      }
-      factor = damping_behind_gears(stiffness * twist, 1 - motors);
-    }
-    const double d = 2 * std::max(std::sqrt(stiffness), frame.omega_free) * factor;
-    of_modes.noalias() += d * V.col(k) * V.col(k).transpose();
+  const Square WL = W.lazyProduct(L);
+  W = L.transpose().lazyProduct(WL);
+  const numerics::Modes6 modes = numerics::modes6((W + W.transpose()) / 2);
+  ModeColumns V = modes.vectors.transpose();  // U, then L⁻ᵀ U
+  for (Index i = 5; i >= 0; --i) {
+    for (Index j = i + 1; j < 6; ++j) V.row(i) -= L(j, i) * V.row(j);
+    V.row(i) /= L(i, i);
   }
+  Six factors = Six::Ones();
+  if (elastic_) factors = factors_behind_gears(V.topRows(m), modes.values, drives, shaping);
+  for (Index k = 0; k < 6; ++k) factors[k] *= 2 * std::max(std::sqrt(std::max(modes.values[k], 0.0)), frame.omega_free);
+  const ModeColumns scaled = V * factors.asDiagonal();
+  const Square of_modes = scaled.lazyProduct(V.transpose());
   const auto ratio = [&](Index k) { return std::sqrt(at(k) < 3 ? frame.zeta_T : frame.zeta_R); };
   for (Index i = 0; i < m; ++i) {
     for (Index j = 0; j < m; ++j) D(at(i), at(j)) += unit(i) * unit(j) * ratio(i) * ratio(j) * of_modes(i, j);

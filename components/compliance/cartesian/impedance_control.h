@@ -107,6 +107,10 @@ class ImpedanceControl {
   void solve_statics(Links& links, const robot::FrameOnBody& E, const ElasticFrame& frame, const robot::DriveParameters& drives,
                      const Joints& theta);
   using Square = Eigen::Matrix<double, 6, 6>;
+  using Six = Eigen::Matrix<double, 6, 1>;
+  using ModeColumns = Eigen::Matrix<double, Eigen::Dynamic, 6, Eigen::RowMajor, 6, 6>;
+  Six factors_behind_gears(const Eigen::Ref<const ModeColumns>& V, const Six& values, const robot::DriveParameters& drives,
+                           const Joints& shaping);
   Square damping(const ElasticFrame& frame, const robot::DriveParameters& drives, const Joints& shaping);
 
   std::vector<int> directions_;
@@ -117,6 +121,7 @@ class ImpedanceControl {
   Eigen::LLT<Eigen::MatrixXd> M_llt_, A_llt_, statics_;
   Eigen::VectorXd l_, r_, x_, dtheta_, u_;
   Eigen::VectorXd task_;
+  Eigen::Matrix<double, Eigen::Dynamic, 6, Eigen::RowMajor> modes_x_;  // a column per mode
 };
 
 }  // namespace cotwin::compliance
