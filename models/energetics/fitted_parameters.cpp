@@ -60,14 +60,14 @@ ParameterSet fitted_parameters(const PowerFit& fit, const PowerLog& log) {
         ++count;
       }
     }
-    if (count == 0) throw Error(log.file, "tells no torque constant, expected motions of at least one joint");
+    if (count == 0) throw Error(log.place(), "tells no torque constant, expected motions of at least one joint");
     for (std::size_t j = 0; j < k.values.size(); ++j)
       if (!k.told[j]) k.values[j] = sum / count;
     add_joints("R", collect(fit, "r_"));
     add_joints("k_t", k);
   } else {
     if (fit.model != PowerModel::kConstant && fit.value("a") != 1)
-      throw Error(log.file, "the fit has the gain a = " + text::to_text(fit.value("a"), 4) + ", expected 1");
+      throw Error(log.place(), "the fit has the gain a = " + text::to_text(fit.value("a"), 4) + ", expected 1");
     if (fit.model == PowerModel::kHeat) {
       add_joints("R", collect(fit, "r_"));
     } else {
@@ -85,7 +85,9 @@ ParameterSet fitted_parameters(const PowerFit& fit, const PowerLog& log) {
   for (const char* name :
        {"P_off", "P_brake", "E_release", "t_close", "controller", "C", "V_min", "V_max", "efficiency", "eta_r"})
     assume(name);
-  add("sources", "fitted to " + std::filesystem::path(log.file).filename().string() + " (model " + name_of(fit.model) +
+  std::vector<std::string> names;
+  for (const std::string& file : log.files) names.push_back(std::filesystem::path(file).filename().string());
+  add("sources", "fitted to " + text::joined(names) + " (model " + name_of(fit.model) +
                      ", boundary of its wattmeter; P_0 with brakes open" +
                      (fit.model == PowerModel::kMotion || fit.model == PowerModel::kHeat
                           ? "; k_h, k_e with all that the log's torques do not contain, usually friction"

@@ -141,9 +141,9 @@ void find_untold(const MatrixXd& A, std::vector<PowerParameter>& parameters) {
 
 void require_columns(const PowerLog& log, PowerModel model) {
   const bool current = model == PowerModel::kCurrent, tau = !current && model != PowerModel::kConstant;
-  if (current && log.i.cols() == 0) throw Error(log.file, "has no columns of currents, expected i1, i2, ... in A");
+  if (current && log.i.cols() == 0) throw Error(log.place(), "has no columns of currents, expected i1, i2, ... in A");
   if (tau && log.tau.cols() == 0)
-    throw Error(log.file,
+    throw Error(log.place(),
                 "has no columns of torques, expected tau1, tau2, ... in N.m, or a robot and positions to compute them");
 }
 
@@ -151,8 +151,9 @@ void require_columns(const PowerLog& log, PowerModel model) {
 void check_signs(const PowerLog& log, const PowerFit& plain) {
   for (const PowerParameter& p : plain.parameters) {
     if (p.name[0] != 'k' || p.told != Told::kValue || p.value >= -5 * p.error) continue;
-    throw Error(log.file, p.name + " = " + text::to_text(p.value, 4) + " N.m/A (standard error " + text::to_text(p.error, 2) +
-                              "), expected a current that is positive where it accelerates the joint in its direction");
+    throw Error(log.place(), p.name + " = " + text::to_text(p.value, 4) + " N.m/A (standard error " +
+                                 text::to_text(p.error, 2) +
+                                 "), expected a current that is positive where it accelerates the joint in its direction");
   }
 }
 
@@ -161,9 +162,10 @@ void check_gain(const PowerLog& log, const PowerFit& fit) {
   for (const PowerParameter& p : fit.parameters) {
     if (p.name != "a" || p.told != Told::kValue) continue;
     if ((p.value > 0.5 && p.value < 2) || std::abs(p.value - 1) <= 5 * p.error) return;
-    throw Error(log.file, "the power rises by " + text::to_text(p.value, 3) + " times the mechanical power (standard error " +
-                              text::to_text(p.error, 2) + "), expected about 1: power in W, torques in N.m behind the gear, " +
-                              "speeds in rad/s, time of the wattmeter as that of the robot");
+    throw Error(log.place(), "the power rises by " + text::to_text(p.value, 3) +
+                                 " times the mechanical power (standard error " + text::to_text(p.error, 2) +
+                                 "), expected about 1: power in W, torques in N.m behind the gear, " +
+                                 "speeds in rad/s, time of the wattmeter as that of the robot");
   }
 }
 
@@ -175,7 +177,7 @@ PowerFit fit_unchecked(const PowerLog& log, PowerModel model, const std::vector<
   fit.samples = samples.size();
   const auto m = static_cast<Index>(fit.parameters.size()), rows = static_cast<Index>(samples.size());
   if (rows <= m)
-    throw Error(log.file, std::to_string(rows) + " samples for " + std::to_string(m) + " parameters, expected more");
+    throw Error(log.place(), std::to_string(rows) + " samples for " + std::to_string(m) + " parameters, expected more");
   MatrixXd A(rows, m);
   VectorXd b(rows);
   Eigen::RowVectorXd row(m);
@@ -235,7 +237,7 @@ HeldOut evaluate(const PowerLog& log, const std::vector<std::pair<LoggedMotion, 
   HeldOut result{.motions = predictions.size()};
   const double rest = log.power_at_rest();
   if (predictions.empty() || std::isnan(rest))
-    throw Error(log.file, "has no motions to test or no samples at rest, expected some of both");
+    throw Error(log.place(), "has no motions to test or no samples at rest, expected some of both");
   std::vector<double> relative;
   double squares = 0, errors = 0, motion = 0;
   std::size_t samples = 0;

@@ -99,7 +99,38 @@ Layout layout_of(const csv::Table& table, const PowerColumns& c) {
   return l;
 }
 
-/// The rows that are used: all their values are finite, and their time is later than that of the row before.
+/// The median of the steps of time that go on, s.
+double usual_step(const std::vector<double>& t) {
+  std::vector<double> steps;
+  for (std::size_t k = 1; k < t.size(); ++k)
+    if (t[k] > t[k - 1]) steps.push_back(t[k] - t[k - 1]);
+  if (steps.empty()) return 0;
+  const auto middle = steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 2);
+  std::ranges::nth_element(steps, middle);
+  return *middle;
+}
+
+/// Where the time goes back, another recording must begin: ten rows without a gap, unlike a single damaged time.
+void check_recordings(const csv::Table& table, const Layout& l, const std::vector<std::size_t>& rows,
+                      const std::vector<std::size_t>& begins) {
+  constexpr std::size_t kLeast = 10;
+  const std::vector<double>& t = table.columns[l.t];
+  const double gap = kGap * usual_step(t);
+  for (const std::size_t begin : begins) {
+    bool recording = begin + kLeast <= rows.size() && t[rows[begin - 1]] - t[rows[begin]] > gap;
+    for (std::size_t k = begin + 1; recording && k < begin + kLeast; ++k) {
+      const double step = t[rows[k]] - t[rows[k - 1]];
+      recording = step > 0 && step <= gap;
+    }
+    if (recording) continue;
+    throw Error(table.place(rows[begin], l.t), text::to_text(t[rows[begin]]) + " s after " + text::to_text(t[rows[begin - 1]]) +
+                                                   " s, expected a later time, or another recording of at least " +
+                                                   std::to_string(kLeast) + " rows");
+  }
+}
+
+/// The rows that are used: all their values are finite, and their time is later than that of the row before, or another recording
+/// begins with it.
 std::vector<std::size_t> usable_rows(const csv::Table& table, const Layout& l, std::vector<std::string>& warnings) {
   std::vector<std::size_t> rows, used{l.t};
   for (const auto& one : {l.power, l.power ? std::nullopt : l.voltage, l.power ? std::nullopt : l.current})
@@ -108,6 +139,7 @@ std::vector<std::size_t> usable_rows(const csv::Table& table, const Layout& l, s
     used.insert(used.end(), columns->begin(), columns->end());
   std::size_t damaged = 0, repeated = 0;
   double before = -std::numeric_limits<double>::infinity();
+  std::vector<std::size_t> begins;  // of further recordings, in `rows`
   for (std::size_t row = 0; row < table.rows(); ++row) {
     if (std::ranges::any_of(used, [&](std::size_t c) { return !std::isfinite(table.columns[c][row]); })) {
       ++damaged;
@@ -118,11 +150,11 @@ std::vector<std::size_t> usable_rows(const csv::Table& table, const Layout& l, s
       ++repeated;
       continue;
     }
-    if (t < before)
-      throw Error(table.place(row, l.t), text::to_text(t) + " s after " + text::to_text(before) + " s, expected a later time");
+    if (t < before) begins.push_back(rows.size());
     before = t;
     rows.push_back(row);
   }
+  check_recordings(table, l, rows, begins);
   if (damaged > 0) warnings.push_back(std::to_string(damaged) + " rows with values that are not finite were left out");
   if (repeated > 0) warnings.push_back(std::to_string(repeated) + " rows with the time of the row before were left out");
   if (rows.size() < 10) throw Error(table.file, "has " + std::to_string(rows.size()) + " usable rows, expected at least 10");
@@ -163,38 +195,39 @@ void check_speeds(const PowerLog& log, const Eigen::MatrixXd& q) {
   std::string why;
   if (close_to(180 / 3.14159265358979) || close_to(3.14159265358979 / 180)) why = " (degrees in one of them?)";
   if (close_to(1e-3)) why = " (time in milliseconds?)";
-  throw Error(log.file, "the positions change " + text::to_text(ratio, 3) + " times as fast as the speeds say" + why +
-                            ", expected rad, rad/s and s");
+  throw Error(log.place(), "the positions change " + text::to_text(ratio, 3) + " times as fast as the speeds say" + why +
+                               ", expected rad, rad/s and s");
 }
 
-void find_gaps(PowerLog& log) {
-  std::vector<double> steps(log.t.size() - 1);
-  for (std::size_t k = 0; k < steps.size(); ++k) steps[k] = log.t[k + 1] - log.t[k];
-  auto middle = steps;
-  std::ranges::nth_element(middle, middle.begin() + static_cast<std::ptrdiff_t>(middle.size() / 2));
-  const double usual = middle[middle.size() / 2];
+void find_segments(PowerLog& log) {
+  const double gap = kGap * usual_step(log.t);
+  std::size_t gaps = 0;
   log.begins.assign(1, 0);
-  for (std::size_t k = 0; k < steps.size(); ++k)
-    if (steps[k] > kGap * usual) log.begins.push_back(k + 1);
-  if (log.begins.size() > 1)
-    log.warnings.push_back(std::to_string(log.begins.size() - 1) + " gaps in time, which no motion crosses");
+  for (std::size_t k = 1; k < log.t.size(); ++k) {
+    const double step = log.t[k] - log.t[k - 1];
+    if (step > 0 && step <= gap) continue;
+    log.begins.push_back(k);
+    ++(step > 0 ? gaps : log.recordings);
+  }
+  if (gaps > 0)
+    log.warnings.push_back(std::to_string(gaps) + (gaps == 1 ? " gap" : " gaps") + " in time, which no motion crosses");
 }
 
 void check_power(const PowerLog& log) {
   const auto [least, most] = std::ranges::minmax(log.P);
   if (most - least <= 1e-9 * std::abs(most))
-    throw Error(log.file, "the power is " + text::to_text(most) + " W all the time, expected measured values");
+    throw Error(log.place(), "the power is " + text::to_text(most) + " W all the time, expected measured values");
   double mean = 0;
   for (const double p : log.P) mean += p / static_cast<double>(log.P.size());
   if (mean <= 0)
-    throw Error(log.file, "the power is " + text::to_text(mean, 4) + " W on average, expected a robot that draws power");
+    throw Error(log.place(), "the power is " + text::to_text(mean, 4) + " W on average, expected a robot that draws power");
 }
 
 Eigen::MatrixXd torques_of(const robot::RobotModel& robot, const PowerLog& log, const Eigen::MatrixXd& q,
                            const Eigen::MatrixXd& ddq) {
   if (static_cast<std::size_t>(robot.n()) != log.joints())
-    throw Error(log.file, "has " + std::to_string(log.joints()) + " joints, expected the " + std::to_string(robot.n()) +
-                              " of robot '" + robot.name + "'");
+    throw Error(log.place(), "has " + std::to_string(log.joints()) + " joints, expected the " + std::to_string(robot.n()) +
+                                 " of robot '" + robot.name + "'");
   const robot::Mechanism mechanism(robot);
   robot::Data data(mechanism);
   Eigen::MatrixXd tau(q.rows(), q.cols());
@@ -205,19 +238,19 @@ Eigen::MatrixXd torques_of(const robot::RobotModel& robot, const PowerLog& log, 
 PowerLog make_log(const csv::Table& table, const PowerColumns& columns, const robot::RobotModel* robot) {
   const Layout l = layout_of(table, columns);
   PowerLog log;
-  log.file = table.file;
+  log.files = {table.file};
   const std::vector<std::size_t> rows = usable_rows(table, l, log.warnings);
   for (const std::size_t row : rows) {
     log.t.push_back(table.columns[l.t][row]);
     log.P.push_back(l.power ? table.columns[*l.power][row] : table.columns[*l.voltage][row] * table.columns[*l.current][row]);
   }
   check_power(log);
-  find_gaps(log);
+  find_segments(log);
   const Eigen::MatrixXd q = values(table, rows, l.q);
   log.dq = l.dq.empty() ? slopes(log, q) : values(table, rows, l.dq);
   if (log.dq.cwiseAbs().maxCoeff() > kFastest)
-    throw Error(log.file, "a speed is " + text::to_text(log.dq.cwiseAbs().maxCoeff(), 4) + ", expected rad/s, up to " +
-                              text::to_text(kFastest));
+    throw Error(log.place(), "a speed is " + text::to_text(log.dq.cwiseAbs().maxCoeff(), 4) + ", expected rad/s, up to " +
+                                 text::to_text(kFastest));
   if (!l.dq.empty() && !l.q.empty()) check_speeds(log, q);
   log.tau = values(table, rows, l.tau);
   log.i = values(table, rows, l.i);
@@ -230,10 +263,38 @@ PowerLog make_log(const csv::Table& table, const PowerColumns& columns, const ro
     log.moving[k] = reference.cols() > 0 ? reference.row(row).cwiseAbs().sum() > kCommanded
                                          : log.dq.row(row).cwiseAbs().sum() > kMoves * static_cast<double>(log.joints());
   }
+  for (std::string& warning : log.warnings) warning = log.place() + ": " + warning;
   return log;
 }
 
+/// Appends a log of the same robot.
+void append(PowerLog& log, const PowerLog& next) {
+  if (next.joints() != log.joints())
+    throw Error(next.place(), "has " + std::to_string(next.joints()) + " joints, expected the " + std::to_string(log.joints()) +
+                                  " of " + log.place());
+  for (const auto& [name, member] : {std::pair{"torques", &PowerLog::tau}, std::pair{"currents", &PowerLog::i}}) {
+    const bool here = (next.*member).cols() > 0, before = (log.*member).cols() > 0;
+    if (here == before) continue;
+    throw Error(next.place(), std::string(here ? "has" : "lacks") + " columns of " + name +
+                                  ", expected them in all logs or in none, as in " + log.place());
+  }
+  for (const std::size_t begin : next.begins) log.begins.push_back(log.t.size() + begin);
+  log.t.insert(log.t.end(), next.t.begin(), next.t.end());
+  log.P.insert(log.P.end(), next.P.begin(), next.P.end());
+  log.moving.insert(log.moving.end(), next.moving.begin(), next.moving.end());
+  log.warnings.insert(log.warnings.end(), next.warnings.begin(), next.warnings.end());
+  log.recordings += next.recordings;
+  log.files.insert(log.files.end(), next.files.begin(), next.files.end());
+  for (const auto member : {&PowerLog::dq, &PowerLog::tau, &PowerLog::i}) {
+    Eigen::MatrixXd all((log.*member).rows() + (next.*member).rows(), (log.*member).cols());
+    all << log.*member, next.*member;
+    log.*member = std::move(all);
+  }
+}
+
 }  // namespace
+
+std::string PowerLog::place() const { return text::joined(files); }
 
 double PowerLog::power_at_rest() const {
   double sum = 0;
@@ -248,6 +309,14 @@ double PowerLog::power_at_rest() const {
 
 PowerLog read_power_log(const std::filesystem::path& file, const PowerColumns& columns, const robot::RobotModel* robot) {
   return make_log(csv::load(file), columns, robot);
+}
+
+PowerLog read_power_logs(std::span<const std::filesystem::path> files, const PowerColumns& columns,
+                         const robot::RobotModel* robot) {
+  if (files.empty()) throw Error("power log", "no file, expected at least one");
+  PowerLog log = read_power_log(files.front(), columns, robot);
+  for (const std::filesystem::path& file : files.subspan(1)) append(log, read_power_log(file, columns, robot));
+  return log;
 }
 
 PowerLog parse_power_log(std::string_view text, const std::string& place, const PowerColumns& columns,
@@ -267,6 +336,7 @@ std::vector<LoggedMotion> motions_of(const PowerLog& log, double least) {
       if (log.t[k] - log.t[*start] > least + 0.5 * step) found.push_back({*start > first ? *start - 1 : *start, k});
       start.reset();
     }
+    if (start && log.t[last - 1] - log.t[*start] > least) found.push_back({*start > first ? *start - 1 : *start, last});
   }
   return found;
 }

@@ -1,4 +1,4 @@
-// cotwin fit-energy: a log with the power of an arm -> parameters of unit:energy, and how well they predict motions they have not seen.
+// cotwin fit-energy: logs with the power of an arm -> parameters of unit:energy, and how well they predict motions they have not seen.
 #include <iostream>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -20,7 +20,8 @@ namespace fs = std::filesystem;
 using namespace energetics;
 
 struct FitEnergyArguments {
-  fs::path log, out;
+  std::vector<fs::path> logs;
+  fs::path out;
   std::string model = "motion", robot, json;
   std::vector<std::string> columns;
   std::optional<double> train_before;  // s
@@ -84,16 +85,18 @@ int fit(const FitEnergyArguments& a) {
   const PowerModel model = parse_power_model("--model", a.model);
   std::optional<robot::RobotModel> robot;
   if (!a.robot.empty()) robot = robot::load_urdf(urdf_of(a.robot));
-  const PowerLog log = read_power_log(a.log, columns_of(a.columns), robot ? &*robot : nullptr);
-  for (const std::string& warning : log.warnings) std::cerr << "cotwin: warning: " << a.log.string() << ": " << warning << '\n';
+  const PowerLog log = read_power_logs(a.logs, columns_of(a.columns), robot ? &*robot : nullptr);
+  for (const std::string& warning : log.warnings) std::cerr << "cotwin: warning: " << warning << '\n';
   const PowerFit fitted = fit_power(log, model);
   const HeldOut each = leave_one_out(log, model);
   std::optional<HeldOut> later;
   if (a.train_before) later = train_before(log, model, *a.train_before);
 
   if (a.json != "-") {
-    std::cout << a.log.string() << ": " << log.t.size() << " samples, " << log.joints() << " joints, " << motions_of(log).size()
-              << " motions, at rest " << text::to_text(log.power_at_rest(), 4) << " W\nmodel " << name_of(model) << ", RMSE "
+    std::cout << log.place() << ": ";
+    if (log.recordings > 1) std::cout << log.recordings << " recordings, ";
+    std::cout << log.t.size() << " samples, " << log.joints() << " joints, " << motions_of(log).size() << " motions, at rest "
+              << text::to_text(log.power_at_rest(), 4) << " W\nmodel " << name_of(model) << ", RMSE "
               << text::to_text(fitted.rmse, 3) << " W\n";
     for (const PowerParameter& p : fitted.parameters) {
       const std::string verdict = verdict_of(p);
@@ -104,8 +107,11 @@ int fit(const FitEnergyArguments& a) {
     if (later) std::cout << sentence_of("trained before " + text::to_text(*a.train_before) + " s", *later) << '\n';
   }
   if (!a.json.empty()) {
-    nlohmann::ordered_json j{
-        {"log", a.log.string()}, {"model", name_of(model)}, {"samples", fitted.samples}, {"rmse_W", fitted.rmse}};
+    nlohmann::ordered_json j{{"log", log.place()},
+                             {"recordings", log.recordings},
+                             {"model", name_of(model)},
+                             {"samples", fitted.samples},
+                             {"rmse_W", fitted.rmse}};
     for (const PowerParameter& p : fitted.parameters) {
       const bool told = p.told == Told::kValue || p.told == Told::kAtZero;
       j["parameters"][p.name] = {{"value", p.value}, {"error", p.error}, {"unit", p.si}, {"told", told}};
@@ -136,7 +142,9 @@ void add_fit_energy(CLI::App& app, Chosen& chosen) {
   CLI::App* command = app.add_subcommand(
       "fit-energy", "Fit the losses of a robot's drives to a log with its power, and test them on motions that are left out");
   command
-      ->add_option("LOG", all->log, "Log (CSV): time, power or voltage and current, speeds, torques or currents of the joints")
+      ->add_option("LOG", all->logs,
+                   "Logs (CSV): time, power or voltage and current, speeds, torques or currents of the joints; several are\n"
+                   "recordings of the same robot, as are parts of one file in which the time begins anew")
       ->type_name("FILE")
       ->required();
   command
@@ -153,7 +161,9 @@ void add_fit_energy(CLI::App& app, Chosen& chosen) {
                    "ddq, tau, i, reference (speeds that tell when the robot moves); may be repeated")
       ->type_name("KEY=NAME")
       ->allow_extra_args(false);
-  command->add_option("--train-before", all->train_before, "Also fit to samples before this time and test on later motions")
+  command
+      ->add_option("--train-before", all->train_before,
+                   "Also fit to samples before this time (of each recording) and test on later motions")
       ->type_name("SECONDS");
   command
       ->add_option("-o,--out", all->out, "Write the parameters of unit:energy (SSV), e.g. energy.ssv beside the robot's URDF")

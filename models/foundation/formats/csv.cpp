@@ -196,17 +196,19 @@ void Reader::drop_empty_end() {
 }
 
 bool Reader::next() {
-  if (pending_) {
-    pending_ = false;
-  } else {
-    std::string_view content;
-    do {
-      if (!next_line()) return false;
-      content = text::trim(current_);
-    } while (content.empty() || content.front() == '#');
-  }
-  split_line();
-  if (cells_.size() == names_.size() + 1 && cells_.back().empty()) cells_.pop_back();
+  do {
+    if (pending_) {
+      pending_ = false;
+    } else {
+      std::string_view content;
+      do {
+        if (!next_line()) return false;
+        content = text::trim(current_);
+      } while (content.empty() || content.front() == '#');
+    }
+    split_line();
+    if (cells_.size() == names_.size() + 1 && cells_.back().empty()) cells_.pop_back();
+  } while (std::ranges::equal(cells_, names_));
   if (cells_.size() != names_.size()) {
     throw Error(place(), std::to_string(cells_.size()) + (cells_.size() == 1 ? " cell" : " cells") + " separated by " +
                              name_of(separator_) + ", expected " + std::to_string(names_.size()) + " as in the header");

@@ -14,7 +14,7 @@
 /// The reader accepts: comma, semicolon or tab between cells; cells in double quotes ("" inside is one quote; a quoted cell
 /// ends on its line); LF or CRLF; a UTF-8 byte order mark; blank lines and comment lines (first character '#') anywhere. A
 /// comment line ("# t,q1,q2") directly before a first row of numbers with as many cells is the header. A separator at the end
-/// of the header and of the rows adds no column. Everything else is an Error `file.csv:17: …`.
+/// of the header and of the rows adds no column. A row that repeats the header (joined files) is passed over. Else Error `file.csv:17: …`.
 namespace cotwin::csv {
 
 struct Options {

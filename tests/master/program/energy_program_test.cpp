@@ -116,6 +116,31 @@ TEST(EnergyProgram, FitsALogAndWritesParametersThatTheUnitTakes) {
   EXPECT_THAT(described.out, HasSubstr("fitted to log.csv (model current"));
 }
 
+TEST(EnergyProgram, FitsSeveralRecordingsAtOnce) {
+  const TemporaryFolder folder("fit");
+  const std::string text = log_text();
+  const std::size_t middle = text.find('\n', text.size() / 2) + 1;  // amid the motions
+  const fs::path a = folder.write("a.csv", text.substr(0, middle)),
+                 b = folder.write("b.csv", "t,P,qd1,i1\n" + text.substr(middle) + text);
+  const RunResult fit = run_program({"fit-energy", a.string(), b.string(), "--model", "current", "--json", folder / "fit.json",
+                                     "--out", folder / "energy.ssv"});
+  ASSERT_EQ(fit.code, 0) << fit.err;
+  EXPECT_THAT(fit.out, HasSubstr("b.csv: 3 recordings, 1200 samples, 1 joints, 20 motions"));
+  const json result = json::parse(content(folder / "fit.json"));
+  EXPECT_NEAR(result.at("parameters").at("k_1").at("value").get<double>(), 5, 1e-3);
+  EXPECT_EQ(result.at("recordings"), 3);
+  EXPECT_THAT(content(folder / "energy.ssv"), HasSubstr("fitted to a.csv, b.csv (model current"));
+  const fs::path other = folder.write(
+      "other.csv", "t,P,qd1,i1,tau1\n" + [] {
+        std::string rows;
+        for (int k = 0; k < 20; ++k) rows += std::to_string(k) + "," + std::to_string(40 + k) + ",0.1,1,1\n";
+        return rows;
+      }());
+  const RunResult refused = run_program({"fit-energy", a.string(), other.string(), "--model", "current"});
+  EXPECT_EQ(refused.code, 2);
+  EXPECT_THAT(refused.err, HasSubstr("other.csv: has columns of torques, expected them in all logs or in none, as in"));
+}
+
 TEST(EnergyProgram, RefusesBadLogsAndOptionsInASentence) {
   const TemporaryFolder folder("fit");
   const fs::path log = folder.write("log.csv", log_text());

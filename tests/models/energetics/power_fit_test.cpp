@@ -202,6 +202,36 @@ TEST(PowerLog, LeavesOutGapsAndDamagedRows) {
   EXPECT_NEAR(fit_power(data, PowerModel::kCurrent).value("k_1"), 11, 1e-9);
 }
 
+TEST(PowerLog, UsesAMotionThatTheEndOfTheRecordingCutsOff) {
+  Synthetic log;
+  log.drop = [](double t) { return t > 3 * 2.4 + 1; };  // 1 s after the beginning of the fourth motion
+  const PowerLog data = log.log();
+  const std::vector<LoggedMotion> motions = motions_of(data);
+  ASSERT_EQ(motions.size(), 4u);
+  EXPECT_EQ(motions.back().end, data.t.size());
+  const HeldOut held_out = leave_one_out(data, PowerModel::kCurrent);
+  EXPECT_EQ(held_out.motions, 4u);
+  EXPECT_LT(held_out.largest, 1e-9);
+  log.drop = [](double t) { return t > 3 * 2.4 + 0.1; };
+  EXPECT_EQ(motions_of(log.log()).size(), 3u) << "0.1 s are no motion";
+}
+
+TEST(PowerLog, TakesSeveralRecordingsInOneFile) {
+  Synthetic first, second;
+  first.drop = [](double t) { return t > 3 * 2.4 + 1; };
+  second.drop = [](double t) { return t < 6 * 2.4 + 0.5; };  // begins and ends amid a motion
+  const std::string a = first.text(), b = second.text();
+  const PowerLog data = parse_power_log(b + a, "log.csv");  // with the header in the middle
+  EXPECT_EQ(data.recordings, 2u);
+  EXPECT_EQ(data.begins, (std::vector<std::size_t>{0, second.log().t.size()}));
+  EXPECT_TRUE(data.warnings.empty());
+  const std::vector<LoggedMotion> motions = motions_of(data);
+  EXPECT_EQ(motions.size(), motions_of(first.log()).size() + motions_of(second.log()).size());
+  for (const LoggedMotion& m : motions) EXPECT_LT(data.t[m.end - 1] - data.t[m.begin], 1.7) << "no motion spans two recordings";
+  EXPECT_NEAR(fit_power(data, PowerModel::kCurrent).value("k_1"), 11, 1e-9);
+  EXPECT_LT(leave_one_out(data, PowerModel::kCurrent).largest, 1e-9);
+}
+
 TEST(PowerLog, TakesOtherNamesAndJointsCountedFromZero) {
   const Synthetic log;
   std::string csv = log.text();
