@@ -164,7 +164,9 @@ bool Link::publish(std::uint64_t number, const Message& m) {
 
 void Link::subscribe(const std::vector<std::string>& topics) {
   try {
-    impl_->client.subscribe(::mqtt::string_collection::create(topics), std::vector<int>(topics.size(), 1), nullptr, *impl_);
+    // As published: else the broker hides the retain flag of messages that come while the session lasts.
+    impl_->client.subscribe(::mqtt::string_collection::create(topics), std::vector<int>(topics.size(), 1), nullptr, *impl_,
+                            std::vector<::mqtt::subscribe_options>(topics.size(), ::mqtt::subscribe_options(false, true)));
   } catch (const ::mqtt::exception& error) {
     impl_->report(Event::Kind::kRefused, 0, error.what());
   }

@@ -214,12 +214,10 @@ void Plant::handle(const Link::Event& event, std::int64_t now) {
                          : message.topic == topic("requests") ? &requests_
                                                               : nullptr;
   const std::lock_guard lock(mutex_);
-  // A retained command is one of the past.
-  if (orders == nullptr || message.retained || orders->waiting.size() >= kMostOrders ||
-      orders->bytes + size_of(message) > kMostBytes) {
-    ++counts_.ignored;
-    return;
-  }
+  const bool taken =
+      orders != nullptr && orders->waiting.size() < kMostOrders && orders->bytes + size_of(message) <= kMostBytes;
+  if (!taken || message.retained) ++counts_.ignored;
+  if (!taken) return;
   orders->bytes += size_of(message);
   orders->waiting.push_back(message);
   orders->arrived.notify_one();
@@ -321,7 +319,16 @@ void Plant::answer(Orders& orders) {
     }
     PlantReply reply{503, R"({"title":"Service Unavailable","status":503,"detail":"this gateway does not answer that"})"};
     try {
-      if (orders.handler) reply = orders.handler(order.payload);
+      // The broker would give a retained message to every later session again.
+      if (order.retained) {
+        reply = {422,
+                 Json{{"title", "Unprocessable Content"},
+                      {"status", 422},
+                      {"detail", "was published with the retain flag, which is not carried out, expected a message without it"}}
+                     .dump()};
+      } else if (orders.handler) {
+        reply = orders.handler(order.payload);
+      }
     } catch (const std::exception& error) {
       reply = {500, Json{{"title", "Internal Server Error"}, {"status", 500}, {"detail", error.what()}}.dump()};
     }

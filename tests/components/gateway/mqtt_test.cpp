@@ -120,8 +120,16 @@ TEST_F(GatewayMqtt, IgnoresRetainedCommands) {
       },
       echo);
   EXPECT_TRUE(within_patience([&] { return plant.counts().ignored == 1; }));
+  EXPECT_TRUE(listener.next("mes/reply", "with the retain flag"));
   listener.send("cotwin/cell/commands", "present", "mes/reply");
   ASSERT_TRUE(listener.next("mes/reply", "present"));
+  // One that comes while the session lasts would be carried out again after the next connection.
+  listener.send("cotwin/cell/commands", "ghost", "mes/reply", true, "order 8");
+  const auto reply = listener.next("mes/reply", "with the retain flag");
+  ASSERT_TRUE(reply);
+  EXPECT_EQ(reply->correlation, "order 8");
+  EXPECT_EQ(Json::parse(reply->payload)["status"], 422);
+  EXPECT_EQ(plant.counts().ignored, 2u);
   EXPECT_EQ(ghosts, 0);
 }
 
