@@ -202,13 +202,17 @@ class Recorder::Writer {
       const ssize_t n = ::write(descriptor_, text.data() + done, text.size() - done);
       if (n < 0 && errno == EINTR) continue;
       if (n <= 0) {
-        recorder_.failure_.store(n < 0 ? errno : EIO, std::memory_order_release);
+        const int reason = n < 0 ? errno : EIO;
         drop_partial_row(text.substr(0, done));
+        recorder_.in_file_ += std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(done), '\n');
+        recorder_.failure_.store(reason, std::memory_order_release);
         return;
       }
       done += static_cast<std::size_t>(n);
     }
     written_ += text.size();
+    recorder_.in_file_ += in_buffer_;
+    in_buffer_ = 0;
   }
 
   void close() {
@@ -236,6 +240,7 @@ class Recorder::Writer {
       to = integral_[i] ? std::to_chars(to, to + kRoom, static_cast<std::int32_t>(value)).ptr : write_real(to, value);
     }
     *to++ = '\n';
+    ++in_buffer_;
     used_ = static_cast<std::size_t>(to - buffer_.data());
     if (used_ >= kBuffer) flush();
   }
@@ -274,6 +279,7 @@ class Recorder::Writer {
   int known_shift_;
   std::vector<char> buffer_;
   std::size_t used_ = 0;
+  std::int64_t in_buffer_ = 0;  // rows
 };
 
 Recorder::Recorder(std::vector<Column> columns, std::filesystem::path file, Options options)
@@ -308,7 +314,7 @@ Recorder::Recorder(std::vector<Column> columns, std::filesystem::path file, Opti
 
   const int descriptor = open_file(heading, options.kept);
   if (options.kept) {
-    sampled_ = options.kept->rows;
+    sampled_ = in_file_ = options.kept->rows;
     dropped_ = options.kept->dropped;
   }
   writer_ = std::make_unique<Writer>(*this, descriptor, options.kept ? options.kept->bytes : 0, integral);

@@ -77,7 +77,8 @@ class Recorder {
 
   const std::filesystem::path& file() const { return file_; }
   std::size_t columns() const { return width_; }
-  std::int64_t rows() const { return sampled_; }
+  /// Those of the file once a write has failed.
+  std::int64_t rows() const { return failure_.load(std::memory_order_acquire) == 0 ? sampled_ : in_file_.load(); }
   std::int64_t dropped() const { return dropped_; }
 
  private:
@@ -112,6 +113,7 @@ class Recorder {
   alignas(64) std::atomic<std::uint64_t> head_{0};  // rows put in
   alignas(64) std::atomic<std::uint64_t> tail_{0};  // rows taken out
   std::atomic<bool> closing_{false};
+  std::atomic<std::int64_t> in_file_{0};              // whole rows that are written
   std::atomic<int> failure_{0};                       // errno of a write that failed
   std::atomic<std::uint64_t> mark_{kNoMark};          // rows for which marked_bytes_ is requested
   std::atomic<std::uint64_t> marked_bytes_{kNoMark};  // written by the writer

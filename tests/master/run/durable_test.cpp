@@ -319,6 +319,7 @@ TEST_F(Durable, AtTheFileSizeLimitTheRowsAreCompleteAndTheErrorIsReported) {
   const std::string csv = content(folder_ / "limited/signals.csv");
   EXPECT_GT(csv.size(), 50'000u);
   EXPECT_TRUE(whole_lines(csv));
+  EXPECT_EQ(record("limited")["rows"], std::ranges::count(csv, '\n') - 1) << "those that the file has";
 }
 
 TEST_F(Durable, OnAFullDiskTheRowsAreCompleteAndRunJsonHasTheStateFailed) {
