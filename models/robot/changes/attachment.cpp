@@ -32,10 +32,10 @@ void check_time(const RobotModel& robot, const std::string& place, std::optional
   }
 }
 
-std::string described(const Inertia& inertia) {
+std::string described(const Inertia& inertia, const std::string& frame) {
   const auto number = [](double x) { return text::to_text(x, 6); };
   const Eigen::Vector3d& c = inertia.p_LC;
-  return number(inertia.mass) + " kg at (" + number(c[0]) + ", " + number(c[1]) + ", " + number(c[2]) + ") m";
+  return number(inertia.mass) + " kg at (" + number(c[0]) + ", " + number(c[1]) + ", " + number(c[2]) + ") m in " + frame;
 }
 
 auto find_frame(const RobotModel& robot, const std::string& name) {
@@ -149,7 +149,7 @@ void attach(RobotModel& robot, const Attachment& what, const std::string& reason
                           : is_point ? (body + change.part).unphysical()  // the composite body must be physical
                                      : what.inertia.unphysical();
   if (!why.empty()) throw Error(place, (is_point ? "with this point mass its body has " : "") + why);
-  change.what = "attach " + what.name + " to " + what.parent + ": " + described(what.inertia);
+  change.what = "attach " + what.name + " to " + what.parent + ": " + described(what.inertia, what.name);
   change.reason = reason;
   body = change.after;
   insert_frames(robot, change.frame, change.further, robot.frames.size());
@@ -184,7 +184,7 @@ void detach(RobotModel& robot, const std::string& name, const std::string& reaso
     if (!why.empty()) throw Error(place, "without '" + name + "' its body would have " + why);
   }
   change.after = remainder.inertia;
-  change.what = "detach " + name + " from " + change.parent + ": " + described(change.part);
+  change.what = "detach " + name + " from " + change.parent + ": " + described(change.own, name);
   change.reason = reason;
   change.time = time;
   body = change.after;
@@ -201,7 +201,7 @@ void set_inertia(RobotModel& robot, int body, const Inertia& inertia, const std:
   if (const std::string why = inertia.unphysical(); !why.empty()) throw Error(place_of(robot) + ", body '" + name + "'", why);
   check_time(robot, place_of(robot), time);
   Change change;
-  change.what = "set inertia of " + name + ": " + described(inertia);
+  change.what = "set inertia of " + name + ": " + described(inertia, name);
   change.reason = reason;
   change.time = time;
   change.body = body;

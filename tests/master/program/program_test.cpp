@@ -337,7 +337,7 @@ TEST_F(Program, MountsToolsInARunAndExportsTheRobotAtAnyTime) {
   EXPECT_EQ(result.code, 0) << result.err;
   EXPECT_THAT(result.out, HasSubstr("tool 'gripper' attached to 'tip' at 0.04 s in drive"));
   const RunResult history = run({"tool", "history", "results/arm/history.json"});
-  EXPECT_THAT(history.out, HasSubstr("  1  0.04 s  attach gripper to tip: 1.5 kg at (0.05, 0, 0) m (pick)\n"
+  EXPECT_THAT(history.out, HasSubstr("  1  0.04 s  attach gripper to tip: 1.5 kg at (0.05, 0, 0) m in gripper (pick)\n"
                                      "  2  0.07 s  detach gripper from tip"));
   const auto mass_of_forearm = [&](const std::vector<std::string>& at) {
     std::vector<std::string> arguments = {"tool", "export", "results/arm/history.json"};

@@ -172,14 +172,16 @@ TEST(Attachment, ThatIsInvalidIsRefusedAndChangesNothing) {
 
 TEST(Attachment, HistorySaysWhatAndWhy) {
   RobotModel robot = lwr4();
-  attach(robot, {"ft_sensor", "link_7", {}, {0.25, {0, 0, 0.03}, Matrix3d::Identity() * 1e-4}}, "IV-A2");
+  Attachment sensor{"ft_sensor", "link_7", {}, {0.25, {0, 0, 0.03}, Matrix3d::Identity() * 1e-4}};
+  sensor.X_PA.p = {0, 0, 0.1};
+  attach(robot, sensor, "IV-A2");
   set_inertia(robot, 6, box(1, 0.1, 0.1, 0.1), "tuned");
   detach(robot, "ft_sensor", "broken");
   ASSERT_EQ(robot.history.size(), 3u);
-  EXPECT_EQ(robot.history[0].what, "attach ft_sensor to link_7: 0.25 kg at (0, 0, 0.03) m");
+  EXPECT_EQ(robot.history[0].what, "attach ft_sensor to link_7: 0.25 kg at (0, 0, 0.03) m in ft_sensor");
   EXPECT_EQ(robot.history[0].reason, "IV-A2");
-  EXPECT_EQ(robot.history[1].what, "set inertia of link_7: 1 kg at (0, 0, 0) m");
-  EXPECT_EQ(robot.history[2].what, "detach ft_sensor from link_7: 0.25 kg at (0, 0, 0.03) m");
+  EXPECT_EQ(robot.history[1].what, "set inertia of link_7: 1 kg at (0, 0, 0) m in link_7");
+  EXPECT_EQ(robot.history[2].what, "detach ft_sensor from link_7: 0.25 kg at (0, 0, 0.03) m in ft_sensor");
   EXPECT_EQ(robot.history[2].reason, "broken");
 }
 
