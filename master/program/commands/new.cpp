@@ -59,6 +59,9 @@ int new_scenario(NewArguments a) {
   const std::vector<starter::File> files = made.files(scenario, robot);
   for (const starter::File& written : files) {
     const fs::path place = a.out / written.name;
+    std::error_code none;
+    if (fs::equivalent(place, file, none))
+      throw Error(place.string(), "is the robot that is read, expected another folder after --out");
     if (!a.overwrite && fs::exists(place))
       throw Error(place.string(), "exists, expected another folder after --out, or --overwrite");
   }

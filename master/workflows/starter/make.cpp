@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <optional>
 
+#include "components/services/robots.h"
 #include "components/unit/settings.h"
 #include "components/unit/unit.h"
 #include "fmu/archive/archive.h"
@@ -13,6 +14,7 @@
 #include "master/workflows/starter/trial.h"
 #include "models/foundation/support/atomic_file.h"
 #include "models/foundation/support/error.h"
+#include "models/foundation/support/file.h"
 #include "models/foundation/support/text.h"
 #include "models/robot/urdf/units.h"
 #include "models/scene/urdf/urdf_in_si.h"
@@ -60,9 +62,19 @@ class Search {
     setting_ = request_.robot;
     if (request_.units.empty()) return;
     const robot::UrdfUnits units = robot::parse_urdf_units(request_.units, "--urdf-units");
-    result_.converted = scene::urdf_in_si(urdf_of(request_.robot), units);
+    const fs::path file = urdf_of(request_.robot);
+    result_.converted = scene::urdf_in_si(file, units);
+    robot::check_units(result_.converted, file.string(), units);
     setting_ = (folder_.path() / "robot.urdf").string();
     write_file(setting_, result_.converted);
+    // What is known of the robot goes with it; compliance.ssv is the scenario's own.
+    for (const char* name : {services::kDrivesFile, services::kEnergyFile}) {
+      const fs::path known = file.parent_path() / name;
+      std::error_code none;
+      if (!fs::is_regular_file(known, none)) continue;
+      result_.companions.push_back({name, text::read_file(known, "parameters of a robot", 16'000'000)});
+      write_file(folder_.path() / name, result_.companions.back().text);
+    }
   }
 
   Settings settings() const {
@@ -208,6 +220,7 @@ std::string advice(const Request& request, const std::string& options, const Err
 std::vector<File> Starter::files(const std::string& scenario, const std::string& robot_setting) const {
   std::vector<File> all = files_of(sketch, model, {scenario, robot_setting, lock, unphysical});
   if (!converted.empty()) all.push_back({"robot.urdf", converted});
+  all.insert(all.end(), companions.begin(), companions.end());
   return all;
 }
 

@@ -27,6 +27,7 @@ struct Starter {
   Sketch sketch;
   std::string lock, unphysical;  // the settings
   std::string converted;         // the URDF in SI, for robot.urdf; "": the robot is used as it is
+  std::vector<File> companions;  // of the robot, that go with robot.urdf: drive_train.ssv, energy.ssv
 
   /// `robot_setting`: how the scenario names its robot.
   std::vector<File> files(const std::string& scenario, const std::string& robot_setting) const;

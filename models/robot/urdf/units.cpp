@@ -40,8 +40,11 @@ std::string plausible_length(double reach) { return reach * 1e-3 >= 0.15 ? "mm" 
 }  // namespace
 
 UrdfUnits parse_urdf_units(const std::string& text, const std::string& place) {
-  UrdfUnits units;
-  if (text == "si") return units;
+  UrdfUnits units{.text = text};
+  if (text == "si") {
+    for (const Quantity& q : quantities()) units.named.insert(q.name);
+    return units;
+  }
   bool inertia_given = false;
   for (const std::string_view entry : text::split(text, ',')) {
     const std::size_t equals = entry.find('=');
@@ -61,9 +64,15 @@ UrdfUnits parse_urdf_units(const std::string& text, const std::string& place) {
       throw Error(place, "'" + std::string(text::trim(entry)) + "', expected one of the units " + text::joined(known));
     units.*quantity->factor = quantity->units[static_cast<std::size_t>(found - known.begin())].second;
     inertia_given = inertia_given || name == "inertia";
+    units.named.insert(name);
   }
   if (!inertia_given) units.inertia = units.mass * units.length * units.length;
   return units;
+}
+
+bool is_si(const UrdfUnits& units, const std::string& quantity) {
+  const auto found = std::ranges::find(quantities(), quantity, [](const Quantity& q) { return std::string(q.name); });
+  return found == quantities().end() || units.*found->factor == 1;
 }
 
 std::vector<UnitSuspicion> suspect_units(const RobotModel& robot) {
@@ -71,9 +80,13 @@ std::vector<UnitSuspicion> suspect_units(const RobotModel& robot) {
   constexpr double kLimit = 20, kSpeed = 30, kDegrees = 1100;  // rad, rad/s; three turns in degrees
   const auto number = [](double x) { return text::to_text(x, 3); };
   std::vector<UnitSuspicion> found;
-  const double reach = reach_of(robot);
+  double reach = reach_of(robot);
+  std::string farthest;
+  if (robot.body_count() == 0) {  // a tool
+    reach = robot.base.inertia.p_LC.norm();
+    for (const Frame& frame : robot.frames) reach = std::max(reach, frame.X_BF.p.norm());
+  }
   if (reach > kReach) {
-    std::string farthest;
     double step = 0;
     for (int body = 0; body < robot.body_count(); ++body) {
       const Joint& joint = robot.joint_of(body);
@@ -81,11 +94,15 @@ std::vector<UnitSuspicion> suspect_units(const RobotModel& robot) {
       step = joint.X_PJ.p.norm();
       farthest = "; joint '" + joint.name + "' is " + number(step) + " m from the one before";
     }
-    found.push_back({"the robot reaches " + number(reach) + " m" + farthest, "length=" + plausible_length(reach)});
+    found.push_back({(robot.body_count() == 0 ? "it reaches " : "the robot reaches ") + number(reach) + " m" + farthest,
+                     "length=" + plausible_length(reach)});
   }
-  double mass = 0;
+  double mass = 0, travel = 0;
   for (const Body& body : robot.bodies) mass += body.inertia.mass;
-  const double length = reach > kReach ? reach * (plausible_length(reach) == "mm" ? 1e-3 : 1e-2) : reach;
+  for (const Joint& joint : robot.joints)
+    if (joint.type == JointType::kPrismatic && std::isfinite(joint.q_max - joint.q_min)) travel += joint.q_max - joint.q_min;
+  double length = reach + travel;
+  if (reach > kReach) length *= plausible_length(reach) == "mm" ? 1e-3 : 1e-2;
   if (mass > kMass && length > 0 && mass > kDensity * length * length * length)
     found.push_back({"its moving links weigh " + number(mass) + " kg with a reach of " + number(length) + " m", "mass=g"});
   const Joint* far = nullptr;
@@ -99,10 +116,11 @@ std::vector<UnitSuspicion> suspect_units(const RobotModel& robot) {
     ++in_degrees;
     if (far == nullptr) far = &joint;
   }
-  if (far != nullptr && 2 * in_degrees >= limited) {
+  const bool speeds = 2 * fast >= limited;
+  if (far != nullptr && 2 * in_degrees >= limited && (in_degrees > 1 || speeds)) {
     found.push_back({"the limits of joint '" + far->name + "' are " + number(far->q_min) + " and " + number(far->q_max) +
                          " rad, " + number((far->q_max - far->q_min) / (2 * M_PI)) + " turns",
-                     2 * fast >= limited ? "limit=deg,speed=deg/s" : "limit=deg"});
+                     speeds ? "limit=deg,speed=deg/s" : "limit=deg"});
   }
   return found;
 }

@@ -1,5 +1,7 @@
 #pragma once
+#include <set>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "models/foundation/support/error.h"
@@ -10,16 +12,21 @@ namespace cotwin::robot {
 
 /// Factors from the units of a file to SI. Text: "length=mm,mass=g,limit=deg,speed=deg/s,rpy=deg", or "si".
 struct UrdfUnits {
-  double length = 1;   // m, mm, cm, in
-  double mass = 1;     // kg, g, lb
-  double inertia = 1;  // mass times length squared, unless it is given: kg.m2, kg.mm2, kg.cm2, g.m2, g.mm2, g.cm2
-  double limit = 1;    // positions of revolute joints: rad, deg
-  double speed = 1;    // of revolute joints: rad/s, deg/s, rpm
-  double rpy = 1;      // rad, deg
+  double length = 1;                 // m, mm, cm, in
+  double mass = 1;                   // kg, g, lb
+  double inertia = 1;                // mass times length squared, unless it is given: kg.m2, kg.mm2, kg.cm2, g.m2, g.mm2, g.cm2
+  double limit = 1;                  // positions of revolute joints: rad, deg
+  double speed = 1;                  // of revolute joints: rad/s, deg/s, rpm
+  double rpy = 1;                    // rad, deg
+  std::string text;                  // that was parsed
+  std::set<std::string> named = {};  // quantities that the text names: "length"; of "si" all
 };
 
 /// Throws Error `place: …` with the quantities, or the units of one.
 UrdfUnits parse_urdf_units(const std::string& text, const std::string& place);
+
+/// Whether the factor of a quantity ("length") is 1.
+bool is_si(const UrdfUnits& units, const std::string& quantity);
 
 /// Something that is not plausible in SI, and the text of UrdfUnits with which it would be.
 struct UnitSuspicion {
@@ -27,10 +34,15 @@ struct UnitSuspicion {
   std::string units;  // "length=mm"
 };
 
-/// Reach above 20 m (length); more than 100 kg and 2500 kg per cubic metre of reach (mass); positions of half the joints that have
-/// limits between 20 and 1100 rad (limit, and speed if half of them are between 30 and 1100 rad/s). Of 483 public URDFs the largest
-/// reach is 6.7 m, and 900 kg/m³ and 10 rad are exceeded by none, except that 10⁶ and more stand for no limit.
+/// Reach above 20 m (length); more than 100 kg and 2500 kg per cubic metre of reach and travel of slides (mass); limits of at least two
+/// turning joints, and of half of those that have some, between 20 and 1100 rad (limit, and speed if half of them are between 30 and
+/// 1100 rad/s; one joint will do where its speed is, too). Of 483 public URDFs the largest reach is 6.7 m, and 900 kg/m³ and 10 rad are
+/// exceeded by none, except that 10⁶ and more stand for no limit. Of a tool: a centre of mass or a frame farther than 20 m away.
 std::vector<UnitSuspicion> suspect_units(const RobotModel& robot);
+
+/// Throws Error if a URDF that was read in `units` is not plausible: OtherUnits where they leave out a quantity, Error `place: …` where
+/// they name one in another unit than SI. What they name in SI is not looked at.
+void check_units(std::string_view converted, const std::string& place, const UrdfUnits& units);
 
 /// More than a turn: an rpy in degrees. The largest in the same files is 4.7 rad.
 inline constexpr double kLargestPlausibleAngle = 6.9;  // rad

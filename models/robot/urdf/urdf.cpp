@@ -375,6 +375,11 @@ RobotModel build(const UrdfDocument& document, const UrdfOptions& options, std::
   return Builder(document, *urdf, options, warnings).build();
 }
 
+std::vector<UnitSuspicion> suspect_angles(const UrdfDocument& document) {
+  if (document.largest_angle <= kLargestPlausibleAngle) return {};
+  return {{"rpy has an angle of " + text::to_text(document.largest_angle, 6) + " rad, more than a turn", "rpy=deg"}};
+}
+
 }  // namespace
 
 RobotModel parse_urdf(std::string_view xml, const std::string& place, const UrdfOptions& options,
@@ -385,14 +390,46 @@ RobotModel parse_urdf(std::string_view xml, const std::string& place, const Urdf
 RobotModel load_urdf(const std::filesystem::path& file, const UrdfOptions& options, std::vector<std::string>* warnings) {
   constexpr std::uint64_t kLargest = 16'000'000;  // bytes; larger than any realistic robot
   const UrdfDocument document = read_urdf_document(text::read_file(file, "a URDF", kLargest), file.string());
-  if (!document.is_si && document.largest_angle > kLargestPlausibleAngle)
-    throw other_units(
-        document.at(document.largest_angle_line),
-        {{"rpy has an angle of " + text::to_text(document.largest_angle, 6) + " rad, more than a turn", "rpy=deg"}});
-  RobotModel robot = build(document, options, warnings);
-  if (document.is_si) return robot;
-  if (const std::vector<UnitSuspicion> found = suspect_units(robot); !found.empty()) throw other_units(document.place, found);
-  return robot;
+  if (document.is_si) return build(document, options, warnings);
+  const std::vector<UnitSuspicion> angles = suspect_angles(document);
+  const auto angle_place = [&] { return document.at(document.largest_angle_line); };
+  std::optional<RobotModel> robot;
+  try {
+    robot = build(document, options, warnings);
+  } catch (const Error&) {
+    if (!angles.empty()) throw other_units(angle_place(), angles);
+    throw;
+  }
+  std::vector<UnitSuspicion> found = suspect_units(*robot);
+  const std::string place = angles.empty() ? document.place : angle_place();
+  found.insert(found.begin(), angles.begin(), angles.end());
+  if (!found.empty()) throw other_units(place, found);
+  return *std::move(robot);
+}
+
+void check_units(std::string_view converted, const std::string& place, const UrdfUnits& units) {
+  const UrdfDocument document = read_urdf_document(converted, place);
+  UrdfOptions options;
+  options.unphysical = Unphysical::kWarn;
+  const RobotModel robot = build(document, options, nullptr);
+  std::vector<UnitSuspicion> found = suspect_angles(document), left;
+  for (UnitSuspicion& one : suspect_units(robot)) found.push_back(std::move(one));
+  const double reach = reach_of(robot);
+  constexpr double kSmallest = 0.02;  // m
+  if (units.length != 1 && reach < kSmallest && reach > 0)
+    found.push_back({"the robot reaches " + text::to_text(1e3 * reach, 3) + " mm", "length="});
+  for (UnitSuspicion& one : found) {
+    const std::string quantity = one.units.substr(0, one.units.find('='));
+    if (!units.named.contains(quantity)) {
+      left.push_back(std::move(one));
+    } else if (!is_si(units, quantity)) {
+      throw Error(place, "read with " + units.text + ", " + one.what + ", expected another unit of " + quantity +
+                             ", or its unit in SI, which takes it as it is");
+    }
+  }
+  if (left.empty()) return;
+  left.insert(left.begin(), UnitSuspicion{"read with " + units.text, units.text});
+  throw other_units(place, left);
 }
 
 }  // namespace cotwin::robot

@@ -4,6 +4,7 @@
 
 #include <map>
 #include <optional>
+#include <sstream>
 #include <string_view>
 
 #include "models/foundation/formats/xml_reason.h"
@@ -41,7 +42,12 @@ class Converter {
          joint = joint->NextSiblingElement("joint"))
       slides_[name_of(*joint)] = std::string_view(text_of(*joint, "type")) == "prismatic";
     visit(*root);
-    if (root->FirstChildElement("si") == nullptr) root->InsertFirstChild(document.NewElement("si"));
+    if (root->FirstChildElement("si") == nullptr) {
+      root->InsertFirstChild(document.NewElement("si"));
+    } else if (units_.text != "si") {
+      throw Error(place_in_urdf(file_, *root->FirstChildElement("si")),
+                  "<si/>: its numbers are in SI already, expected --urdf-units si, or the file as it was before");
+    }
     tinyxml2::XMLPrinter printer;
     document.Print(&printer);
     return printer.CStr();
@@ -58,12 +64,12 @@ class Converter {
     const char* const written = element.Attribute(attribute);
     if (written == nullptr || factor == 1) return;
     std::string spelled;
-    for (const std::string_view word : text::split(written, ' ')) {
-      if (text::trim(word).empty()) continue;
-      const std::optional<double> number = text::parse_real(text::trim(word));
+    std::istringstream words(written);
+    for (std::string word; words >> word;) {
+      const std::optional<double> number = text::parse_real(word);
       if (!number) {
         throw Error(place_in_urdf(file_, element),
-                    std::string(attribute) + " '" + std::string(word) + "' of <" + element.Name() + ">, expected a number");
+                    std::string(attribute) + " '" + word + "' of <" + element.Name() + ">, expected a number");
       }
       text::append(spelled, text::to_text(*number * factor, kDigits), " ");
     }
@@ -111,7 +117,9 @@ class Converter {
       const auto leader = slides_.find(text_of(*mimic, "joint"));
       const bool leader_slides = leader != slides_.end() && leader->second;
       scale(*mimic, "offset", position);
-      if (leader_slides != slides) scale(*mimic, "multiplier", position / (leader_slides ? units_.length : units_.limit));
+      if (leader_slides == slides) return;
+      if (mimic->Attribute("multiplier") == nullptr) mimic->SetAttribute("multiplier", "1");  // of other units, too
+      scale(*mimic, "multiplier", position / (leader_slides ? units_.length : units_.limit));
     }
   }
 

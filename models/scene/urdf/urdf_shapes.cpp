@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <optional>
+#include <sstream>
 
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/file.h"
@@ -63,9 +64,9 @@ bool is_empty(const XMLElement& shape) {
   for (const char* attribute : {"size", "radius", "length"}) {
     const char* const text = shape.Attribute(attribute);
     if (text == nullptr) continue;
-    for (const std::string_view word : text::split(text, ' ')) {
-      if (!text::trim(word).empty() && text::parse_real(word) == 0.0) return true;
-    }
+    std::istringstream words(text);
+    for (std::string word; words >> word;)
+      if (text::parse_real(word) == 0.0) return true;
   }
   return false;
 }

@@ -7,6 +7,7 @@
 
 #include "models/foundation/support/error.h"
 #include "models/numerics/dense.h"
+#include "models/robot/changes/tool.h"
 #include "models/robot/urdf/estimate.h"
 #include "models/robot/urdf/units.h"
 #include "models/robot/urdf/urdf.h"
@@ -124,6 +125,86 @@ TEST(UrdfUnits, AMarkTakesUnusualNumbersAsTheyAre) {
   EXPECT_NEAR(reach_of(large), 1e3 * (0.4 + 0.3 + 0.1), 1e-6);
   folder.write("again.urdf", to_urdf(large));  // keeps the mark
   EXPECT_EQ(load_urdf(folder / "again.urdf"), large);
+}
+
+/// The error of check_units for the arm, read in `units`.
+std::string converted(const Units& of_file, const std::string& units) {
+  const TemporaryFolder folder("units");
+  folder.write("other.urdf", arm(of_file));
+  try {
+    const UrdfUnits parsed = parse_urdf_units(units, "--urdf-units");
+    check_units(scene::urdf_in_si(folder / "other.urdf", parsed), "other.urdf", parsed);
+  } catch (const OtherUnits& error) {
+    return "not SI: " + error.units;
+  } catch (const Error& error) {
+    return error.what();
+  }
+  return "";
+}
+
+TEST(UrdfUnits, AreCheckedAgainWhereSomeAreGiven) {
+  const Units mm_and_degrees{.length = 1e3, .inertia = 1e6, .rpy = kDegrees};
+  EXPECT_EQ(converted(mm_and_degrees, "length=mm,rpy=deg"), "");
+  EXPECT_EQ(converted(mm_and_degrees, "rpy=deg"), "not SI: rpy=deg,length=mm");
+  EXPECT_EQ(converted(mm_and_degrees, "limit=rad"), "not SI: limit=rad,rpy=deg,length=mm");
+  EXPECT_EQ(converted(mm_and_degrees, "length=m,rpy=rad"), "") << "what is named in SI is taken as it is";
+  EXPECT_EQ(converted(mm_and_degrees, "si"), "");
+  EXPECT_THAT(converted(mm_and_degrees, "length=cm,rpy=deg"), HasSubstr("read with length=cm,rpy=deg, the robot reaches 80 m"));
+  EXPECT_THAT(converted({}, "length=mm"), HasSubstr("the robot reaches 0.8 mm, expected another unit of length"));
+  const TemporaryFolder folder("units");
+  folder.write("both.urdf", arm(mm_and_degrees));
+  EXPECT_EQ(refusal_of(folder / "both.urdf").units, "rpy=deg,length=mm") << "both are named at once";
+  folder.write("si.urdf", scene::urdf_in_si(folder / "both.urdf", parse_urdf_units("length=mm,rpy=deg", "")));
+  try {
+    (void)scene::urdf_in_si(folder / "si.urdf", parse_urdf_units("length=mm", ""));
+    ADD_FAILURE() << "read in mm a second time";
+  } catch (const Error& error) {
+    EXPECT_THAT(error.what(), HasSubstr("<si/>: its numbers are in SI already"));
+  }
+}
+
+TEST(UrdfUnits, OfMimicsWithoutMultiplierAreThoseOfTheirJoints) {
+  const TemporaryFolder folder("units");
+  std::string xml = arm({.length = 1e3, .inertia = 1e6});
+  const std::size_t begin = xml.find("<mimic"), end = xml.find("/>", begin);
+  xml.replace(begin, end - begin, "<mimic joint=\"slide\"");  // 1 rad/mm
+  xml.replace(xml.find("xyz=\"0 0 "), 9, "xyz=\"0\t0\n");
+  folder.write("other.urdf", xml);
+  folder.write("si.urdf", scene::urdf_in_si(folder / "other.urdf", parse_urdf_units("length=mm", "")));
+  EXPECT_NEAR(load_urdf(folder / "si.urdf").mimics.at(0).multiplier, 1000, 1e-9);
+}
+
+TEST(UrdfUnits, OfGantriesAndDrumsAreThoseThatTheyHave) {
+  const auto link = [](const std::string& name, double mass) {
+    return "<link name=\"" + name + "\"><inertial><mass value=\"" + std::to_string(mass) +
+           "\"/><inertia ixx=\"20\" ixy=\"0\" ixz=\"0\" iyy=\"20\" iyz=\"0\" izz=\"20\"/></inertial></link>";
+  };
+  const auto joint = [](const std::string& from, const std::string& to, const std::string& type, double travel) {
+    return "<joint name=\"to_" + to + "\" type=\"" + type + "\"><origin xyz=\"0 0 0.3\"/><parent link=\"" + from +
+           "\"/><child link=\"" + to + "\"/><axis xyz=\"1 0 0\"/><limit lower=\"0\" upper=\"" + std::to_string(travel) +
+           "\" effort=\"9000\" velocity=\"1\"/></joint>";
+  };
+  const TemporaryFolder folder("units");
+  folder.write("gantry.urdf", "<robot name=\"gantry\"><link name=\"floor\"/>" + link("bridge", 450) + link("trolley", 120) +
+                                  link("drum", 60) + joint("floor", "bridge", "prismatic", 6) +
+                                  joint("bridge", "trolley", "prismatic", 3) + joint("trolley", "drum", "revolute", 62.8) +
+                                  "</robot>");
+  EXPECT_NO_THROW(load_urdf(folder / "gantry.urdf"));
+}
+
+TEST(UrdfUnits, OfToolsAreNoticed) {
+  const auto tool = [](double z) {
+    return "<robot name=\"probe\"><link name=\"probe\"><inertial><origin xyz=\"0 0 " + std::to_string(z) +
+           "\"/><mass value=\"0.8\"/><inertia ixx=\"1\" ixy=\"0\" ixz=\"0\" iyy=\"1\" iyz=\"0\" "
+           "izz=\"1\"/></inertial></link></robot>";
+  };
+  EXPECT_NO_THROW(parse_tool(tool(0.06), "probe.urdf", "probe"));
+  try {
+    (void)parse_tool(tool(60), "probe.urdf", "probe");
+    ADD_FAILURE() << "a tool of 60 m";
+  } catch (const Error& error) {
+    EXPECT_THAT(error.what(), HasSubstr("probe.urdf: it reaches 60 m, expected m and kg (length=mm?)"));
+  }
 }
 
 TEST(UrdfUnits, OfOurRobotsAreNotSuspected) {
