@@ -1,6 +1,8 @@
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <memory>
+#include <optional>
 
 #include "components/services/energy_service.h"
 #include "components/services/json/answers.h"
@@ -133,8 +135,7 @@ Problem problem_of(const Robot& robot, const Move& m, const std::string& rule, R
     throw RequestError("",
                        "gives no duration, expected T_min_s, or T_max_s as the longest one, or both to search between them");
   if (most) p.T_max = read_duration(r, "T_max_s");
-  constexpr double kRange = 1000;  // T_max_s over the least duration that is searched without T_min_s
-  p.T_min = least ? read_duration(r, "T_min_s") : std::max(p.T_max / kRange, kBriefest);
+  p.T_min = least ? read_duration(r, "T_min_s") : kBriefest;
   if (!most) p.T_max = p.T_min;
   if (p.T_max < p.T_min) throw RequestError("/T_max_s", "is less than T_min_s, expected at least that");
   p.costs = read_costs(r, rule);
@@ -204,20 +205,23 @@ class Progress {
   long long round_ = 0;
 };
 
-/// The quintic that a motion is compared with: that of least cost where the duration is searched, otherwise, and with a compliant
-/// frame, that of the same duration.
-Solution quintic_of(Problem p, const Solution& s, bool lexicographic, const SearchOptions& options) {
+/// The quintic that a motion is compared with: that of least cost where the duration is searched and the search has left some of its
+/// `options`, otherwise, and with a compliant frame, that of the same duration.
+Solution quintic_of(Problem p, const Solution& s, const std::optional<double>& tolerance, const SearchOptions& options) {
   p.degree = 5;
   p.end_postures.clear();
-  if (lexicographic)  // cost is the last one, as in the search
+  if (tolerance)  // cost is the last one, as in the search
     for (CostTerm& term : p.costs) term.weight = &term == &p.costs.back() ? 1 : 0;
   const Solution same = optimisation::assess(p, {}, p.ends.q_to, s.T, s.compliance);
-  if (p.T_min == p.T_max || p.compliant) return same;
+  const bool spent = s.evaluations >= options.evaluations || !(options.limit > 0);
+  if (p.T_min == p.T_max || p.compliant || spent) return same;
   SearchOptions few;
   few.particles = 32;
   few.rounds = 40;
   few.seed = options.seed;
-  const Solution best = optimisation::minimise(p, few);
+  few.evaluations = options.evaluations - s.evaluations;
+  few.limit = options.limit;
+  const Solution best = tolerance ? optimisation::minimise_in_order(p, *tolerance, few) : optimisation::minimise(p, few);
   return best.status == Status::kFeasible ? best : same;
 }
 
@@ -323,16 +327,26 @@ Json answer_optimise(const Robot& robot, Reader& r, const Context& context) {
     return reply;
   }
 
-  const Solution s = lexicographic && end ? optimisation::minimise_in_order_to_pose(p, tolerance, *end->kinematics, end->target,
-                                                                                    options, context.threads)
-                     : lexicographic      ? optimisation::minimise_in_order(p, tolerance, options, context.threads)
-                     : end ? optimisation::minimise_to_pose(p, *end->kinematics, end->target, options, context.threads)
-                           : optimisation::minimise(p, options, context.threads);
+  const auto begun = std::chrono::steady_clock::now();
+  Solution s = lexicographic && end ? optimisation::minimise_in_order_to_pose(p, tolerance, *end->kinematics, end->target,
+                                                                              options, context.threads)
+               : lexicographic      ? optimisation::minimise_in_order(p, tolerance, options, context.threads)
+               : end                ? optimisation::minimise_to_pose(p, *end->kinematics, end->target, options, context.threads)
+                                    : optimisation::minimise(p, options, context.threads);
+  options.limit -= std::chrono::duration<double>(std::chrono::steady_clock::now() - begun).count();
+  const Solution quintic = quintic_of(p, s, lexicographic ? std::optional(tolerance) : std::nullopt, options);
+  const std::uint64_t evaluations = s.evaluations + quintic.evaluations;
+  const bool quintic_is_better =
+      quintic.status == Status::kFeasible && (s.status != Status::kFeasible || (!lexicographic && quintic.cost < s.cost));
+  if (quintic_is_better) {  // where the search had no time to find it
+    const bool complete = s.complete;
+    s = quintic;
+    s.complete = complete;
+  }
   Move found = m;
   found.degree = s.degree;
   found.c = s.c;
   found.to_q = s.q_to;
-  const Solution quintic = quintic_of(p, s, lexicographic, options);
   Json reply{{"status", optimisation::to_text(s.status)},
              {"feasible", s.status == Status::kFeasible},
              {"reason", s.reason},
@@ -363,7 +377,7 @@ Json answer_optimise(const Robot& robot, Reader& r, const Context& context) {
     }
   }
   if (detail >= Detail::kMargins) {
-    reply["evaluations"] = s.evaluations;
+    reply["evaluations"] = evaluations;
     reply["pruned"] = s.pruned;
     reply["joints"] = peaks_of(robot.model, s.peaks);
   }

@@ -228,7 +228,7 @@ const Service kServices[] = {
      [] {
        Object o = request("optimise");
        move(o, false);
-       o.may("T_min_s", duration("shortest one; without it a thousandth of T_max_s"))
+       o.may("T_min_s", duration("shortest one; without it 0.0001 s"))
            .may("T_max_s", duration("longest one; without it the duration is T_min_s"))
            .one_of({"T_min_s", "T_max_s"});
        o.may(

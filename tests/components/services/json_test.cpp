@@ -546,6 +546,20 @@ TEST(ServiceReplies, OptimiseComparesASearchedDurationWithTheFastestQuintic) {
   EXPECT_NEAR(reply["saved_share"].get<double>(), 1 - reply["T_s"].get<double>() / reply["quintic"]["T_s"].get<double>(),
               1e-12);
   EXPECT_GT(reply["saved_share"].get<double>(), 0.1);
+  // However long the motion may be at most.
+  request["T_max_s"] = 10000;
+  EXPECT_NEAR(ask(robots, request)["T_s"].get<double>(), reply["T_s"].get<double>(), 0.02 * T);
+  // The quintic of an order of costs keeps the order.
+  request.update({{"T_max_s", 10}, {"cost", {{{"name", "time"}}, {{"name", "torque"}}}}, {"rule", "lexicographic"}});
+  const json ordered = ask(robots, request);
+  EXPECT_NEAR(ordered["quintic"]["T_s"].get<double>(), T, 0.015 * T) << "0.01 is the tolerance";
+  request.erase("rule");
+  request["cost"] = "time";
+  // A search that may try little is no worse than the quintic beside it.
+  request["evaluations_max"] = 100;
+  const json short_of = ask(robots, request);
+  EXPECT_LE(short_of["T_s"].get<double>(), short_of["quintic"]["T_s"].get<double>());
+  request.erase("evaluations_max");
   // At the fixed duration of the faster motion the quintic keeps no bounds: there is nothing to compare with.
   request["T_min_s"] = request["T_max_s"] = 1.01 * reply["T_s"].get<double>();
   request["cost"] = "torque";
