@@ -105,17 +105,23 @@ std::vector<double> JointUnits::read_bounds(Reader& r, const std::string& plain,
 
 namespace {
 
-/// Throws RequestError for a posture in rad that would be within the limits in degrees, and is more than half a turn beyond them.
+/// Throws RequestError for a posture in rad that would be within the limits in degrees, and in which a joint is more than half a turn
+/// beyond them and further than a turn from zero, or two are. Others that are beyond are answered: the motion is infeasible.
 void refuse_degrees(const robot::RobotModel& robot, Reader& r, const std::string& plain, const std::vector<double>& q) {
   std::size_t far = q.size();
+  int beyond_by_half_a_turn = 0;
+  bool turns = false;
   for (std::size_t i = 0; i < q.size(); ++i) {
     const robot::Joint& joint = robot.joints[i];
     if (joint.type != robot::JointType::kRevolute) continue;
     const auto beyond = [&](double x) { return std::max(joint.q_min - x, x - joint.q_max); };
     if (beyond(q[i] * std::numbers::pi / 180) > 0) return;
-    if (beyond(q[i]) > std::numbers::pi && far == q.size()) far = i;
+    if (!(beyond(q[i]) > std::numbers::pi)) continue;
+    if (far == q.size()) far = i;
+    ++beyond_by_half_a_turn;
+    turns = turns || std::abs(q[i]) > 2 * std::numbers::pi;
   }
-  if (far == q.size()) return;
+  if (beyond_by_half_a_turn < 2 && !turns) return;
   const robot::Joint& joint = robot.joints[far];
   const auto number = [](double x) { return text::to_text(x, 4); };
   const std::string in_degrees =

@@ -88,6 +88,9 @@ Json request_of(const AskArguments& a, services::Robots& robots) {
   if (a.robot_given) refuse_twice("--robot", {"robot"});
   const std::tuple<const char*, const char*, const std::vector<double>&> postures[] = {{"--from", "from_q", a.from},
                                                                                        {"--to", "to_q", a.to}};
+  if (a.angle_unit == "deg" && a.from.empty() && a.to.empty())
+    throw Error("--angle-unit deg",
+                "is given without --from and --to, expected one of them; members of --with have names with _deg");
   for (const auto& [option, plain, q] : postures) {
     const std::string name = plain;
     const std::vector<std::string> members{name + "_rad", name + "_deg", name};

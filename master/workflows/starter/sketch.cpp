@@ -45,6 +45,13 @@ class Maker {
     keep_to_efforts();
     const Waypoint& last = sketch_.waypoints.back();
     sketch_.stop = std::ceil(last.t + last.dwell + 0.5);
+    constexpr double kLongest = 1000;  // s
+    if (!(sketch_.stop <= kLongest)) {
+      const auto slowest = std::ranges::min_element(robot_.joints, {}, &Joint::dq_max);
+      throw Error("robot '" + robot_.name + "'",
+                  "the motion takes " + text::to_text(sketch_.stop, 3) + " s, expected at most " + text::to_text(kLongest) +
+                      " s; joint '" + slowest->name + "' has a speed limit of " + text::to_text(slowest->dq_max, 3));
+    }
     return std::move(sketch_);
   }
 
@@ -109,6 +116,12 @@ class Maker {
       const double range = joint(i).q_max - joint(i).q_min;
       double way = is_revolute(joint(i)) ? 0.4 : 0.1;  // rad, m
       if (std::isfinite(range)) way = std::min(way, 0.25 * range);
+      constexpr double kShare = 0.3, kLongest = 10;  // of the speed limit, s
+      if (joint(i).dq_max * kShare * kLongest < way) {
+        way = joint(i).dq_max * kShare * kLongest;
+        sketch_.notes.push_back("joint '" + joint(i).name + "' moves by " + text::to_text(way, 2) +
+                                " only, because its speed limit is " + text::to_text(joint(i).dq_max, 3));
+      }
       if (i % 2 == 1) way = -way;
       one[i] = within(joint(i), rounded(rest[i] + way, 0.001), 0.02);
       other[i] = within(joint(i), rounded(rest[i] - way, 0.001), 0.02);
