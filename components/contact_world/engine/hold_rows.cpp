@@ -38,7 +38,7 @@ double Rows::push_into_cone(Core& core) {
   double n = core.x[0] - w[0] / stiffest, t1 = core.x[1] - w[1] / stiffest, t2 = core.x[2] - w[2] / stiffest;
   const double t = std::hypot(t1, t2), mu = core.mu;
   Hold hold = Hold::kSticks;
-  if (t > mu * n) {
+  if (t > mu * n || n < 0) {
     const double on_cone = std::max(0.0, (n + mu * t) / (1 + mu * mu));
     const double share = t > 0 ? mu * on_cone / t : 0;
     hold = on_cone > 0 ? Hold::kSlips : Hold::kOpen;

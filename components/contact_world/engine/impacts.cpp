@@ -101,7 +101,9 @@ void World::Impl::resolve_impacts(double h) {
   begin_inertias();
   prepared = false;
   for (std::size_t j = 0; j < joints.size(); ++j) axes[j].start = joints[j].has_axis() ? joints[j].speed(bodies) : 0;
-  guard.passive += motion_energy() - before;
+  double driven = 0;  // work of bodies whose motion is given: the budget has it from account_position_stage()
+  for (const Touch& touch : touches) driven += driven_work(touch, touch.impact);
+  guard.passive += motion_energy() - before - driven;
 }
 
 /// Returns whether a point with restitution strikes, and prepares the first round.

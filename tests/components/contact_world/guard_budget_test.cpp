@@ -233,6 +233,36 @@ TEST_P(Budget, EndsRandomScenesOnlyIfEnergyIsInjected) {
   }
 }
 
+// A ball that strikes a driven plate: in the frame of the plate it bounces with e, in which the plate gives or takes energy.
+TEST_P(Budget, CountsWhatDrivenBodiesTakeAndGiveInImpactsOnce) {
+  for (const double e : {0.1, 0.5, 0.9}) {
+    for (const double v : {-5.0, -2.0, 0.0, 3.0}) {
+      for (const double step : {1e-3, 1e-4}) {
+        scene::Scene scene;
+        scene.name = "plate";
+        scene.gravity.setZero();
+        scene.bodies.push_back(testing::box("plate", {1, 1, 0.1}, 1, {0, 0, 0}, 0.3));
+        scene.bodies.back().motion = scene::Motion::kDriven;
+        scene.bodies.push_back(testing::ball("ball", 0.1, 1, {0, 0, 0.35}, 0.3, e));
+        scene.bodies.back().V_WB << 0, 0, -6, 0, 0, 0;
+        Options options;
+        options.method = GetParam();
+        World world(scene, options);
+        std::string fault;
+        Twist V = Twist::Zero();
+        V[2] = v;
+        for (double t = 0; t < 0.4 && fault.empty(); t += step) {
+          world.set_twist(0, V);
+          world.step(step);
+          fault = world.fault(kGapLimit, kShare);
+        }
+        EXPECT_EQ(fault, "") << "e = " << e << ", plate at " << v << " m/s, steps of " << step << " s";
+        EXPECT_NEAR(world.twists()[1][2], v + e * (6 + v), 1e-9);
+      }
+    }
+  }
+}
+
 INSTANTIATE_TEST_SUITE_P(All, Budget, testing::kMethods, testing::name_of_method);
 
 }  // namespace
