@@ -83,9 +83,11 @@ std::string WatchedCalls::describe(const UnderWay& call) const {
   const Place* const names = names_of(call.place);
   if (call.place == nullptr || names == nullptr) return "";
   const FunctionName* const known = name_of(call.function);
-  const std::string function = known != nullptr ? std::string(": ") + known->name.data() : "";
-  return std::string("component '") + names->instance.data() + "' at t = " + text::to_text(static_cast<double>(call.ns) / 1e9) +
-         " s: " + names->fmu.data() + function;
+  // The process may have damaged the memory that it shares, also the ends of the names.
+  const auto shown = [](const auto& name) { return std::string(name.data(), ::strnlen(name.data(), name.size())); };
+  const std::string function = known != nullptr ? ": " + shown(known->name) : "";
+  return "component '" + shown(names->instance) + "' at t = " + text::to_text(static_cast<double>(call.ns) / 1e9) +
+         " s: " + shown(names->fmu) + function;
 }
 
 std::string WatchedCalls::last_calls() const {

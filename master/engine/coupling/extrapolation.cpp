@@ -33,7 +33,11 @@ void Extrapolation::add(const Eigen::VectorXd& first, const Eigen::VectorXd& las
 
 int Extrapolation::degree() const {
   if (known_ <= 1) return known_;  // what a line misses is not known yet
-  return static_cast<int>(std::min_element(missed_.begin(), missed_.begin() + known_) - missed_.begin());
+  // The lowest one that is about as good: after a jump all miss by it, and higher ones would repeat it several times.
+  const double least = *std::min_element(missed_.begin(), missed_.begin() + known_);
+  int degree = 0;
+  while (missed_[static_cast<std::size_t>(degree)] > 2 * least) ++degree;
+  return degree;
 }
 
 void Extrapolation::advance(Eigen::VectorXd& x, int degree) const {

@@ -201,6 +201,13 @@ void GroupSolver::look_for_maker(std::size_t i) {
   }
 }
 
+/// Newton's method tries values that no unit has to answer: the fault is a unit's only if the last values of the step before will do it.
+void GroupSolver::confirm_maker() {
+  maker_.reset();
+  (void)evaluate(first_x_, changed_);
+  restore_all();
+}
+
 bool GroupSolver::evaluate(const Eigen::VectorXd& x, Eigen::VectorXd& y) {
   for (std::size_t i = 0; i < slots_.size(); ++i) {
     if (!step_slot(i, x, h_)) return false;
@@ -301,7 +308,7 @@ void GroupSolver::begin_part(Time begin, Time end) {
   for (std::size_t k = 0; k < unknowns_.size(); ++k) first_x_[index(k)] = *unknowns_[k].value;
   scale_ = scale_.cwiseMax(first_x_.cwiseAbs());
   x_ = first_x_;
-  const int degree = continues(begin) ? guess_.degree() : 1;
+  const int degree = continues(begin) && extrapolates_ ? guess_.degree() : 1;
   if (degree > 1) return guess_.advance(x_, degree);
   const double last = slots_.front().last_step.seconds();
   for (std::size_t k = 0; k < unknowns_.size(); ++k) {
@@ -327,6 +334,7 @@ Newton::Outcome GroupSolver::step_part(Time begin, Time end) {
     accept(end);
   } else {
     restore_all();
+    if (maker_ && outcome != Newton::Outcome::kStopped) confirm_maker();
   }
   return outcome;
 }

@@ -138,6 +138,7 @@ class GroupSolver final : private CoupledOutputs {
   void save_slot(std::size_t i);
   void restore_slot(std::size_t i);
   void look_for_maker(std::size_t i);
+  void confirm_maker();
   std::string text_of_maker(Time at) const;
   const Slot* fail(Newton::Outcome outcome, Time at) const;
 
@@ -163,6 +164,7 @@ class GroupSolver final : private CoupledOutputs {
     double value;
   };
   std::optional<Maker> maker_;  // the first unit of the last part that made a value which is not finite from inputs that were
+  bool extrapolates_ = true;    // guesses of higher degree than a line
 
   Newton newton_;
   Eigen::VectorXd x_, first_x_, probe_, changed_, scale_, y_;

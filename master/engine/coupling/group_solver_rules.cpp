@@ -27,6 +27,8 @@ class GroupSolver::Trial final : public CoupledSteps {
   /// Before the first step from the present state, and after the last one.
   void open() {
     counts_ = solver_.counts_;
+    // What better guesses leave of the tolerance differs between the two runs that are compared, and would be taken for growth.
+    solver_.extrapolates_ = false;
     metered_.clear();
     for (PerSlot& unit : solver_.units_) metered_.push_back(std::exchange(unit.metered, false));
     magnitudes_.clear();
@@ -37,6 +39,7 @@ class GroupSolver::Trial final : public CoupledSteps {
     for (std::size_t i = 0; i < metered_.size(); ++i) solver_.units_[i].metered = metered_[i];
     solver_.counts_ = counts_;
     solver_.finished_ = nullptr;
+    solver_.extrapolates_ = true;
   }
 
   bool step(Time begin, Duration h) override {

@@ -276,9 +276,10 @@ std::vector<Member> load_members(const Scenario& scenario, std::span<const UnitT
     try {
       for (const ParameterValue& value : values.values) check_name(value, member);
     } catch (const Error&) {
-      // The components after this one, which may have what is meant.
+      // The units after this one, which may have what is meant; not FMUs, whose code would run for the sake of a message.
       const auto next = static_cast<std::ptrdiff_t>(members.size());
       for (auto later = scenario.components.begin() + next; later != scenario.components.end(); ++later) {
+        if (!is_unit(*later)) continue;
         try {
           members.push_back(load_member(*later, scenario, types, folders, fmus, nullptr));
         } catch (const Error&) {  // one fault at a time

@@ -83,6 +83,47 @@ class Sum final : public Unit {
 };
 
 /// y = A g(u/A + p) with A = 2^-30: a signal whose magnitude the master can know only if it is declared.
+/// y = c + ln u
+class Logarithm final : public Unit {
+ public:
+  void declare(Variables& v) override {
+    v.input("u", u_, "rad", "input");
+    v.output("y", y_, "rad", "its logarithm and c");
+    v.tunable("c", c_, "rad", "offset");
+  }
+  void initialise(Time) override { y_ = kSolution; }
+  StepResult step(Time, Duration) override {
+    y_ = c_ + std::log(u_);
+    return StepResult::kDone;
+  }
+
+ private:
+  static constexpr double kSolution = 3.1461932206205825;  // of x = 2 + ln x
+  double u_ = kSolution, y_ = 0, c_ = 2;
+};
+
+/// y = u/10 + (w t)⁵, which begins at rest as motions of least jerk do; counts its steps.
+class Departure final : public Unit {
+ public:
+  explicit Departure(int& steps) : steps_(steps) {}
+  void declare(Variables& v) override {
+    v.input("u", u_, "rad", "input");
+    v.output("y", y_, "rad", "output");
+    v.parameter("w", w_, "rad/s", "rate");
+  }
+  void initialise(Time now) override { y_ = 0.1 * u_ + std::pow(w_ * now.seconds(), 5); }
+  StepResult step(Time now, Duration h) override {
+    ++steps_;
+    initialise(now + h);
+    return StepResult::kDone;
+  }
+
+ private:
+  int& steps_;
+  double u_ = 0, y_ = 0, w_ = 1;
+};
+int departure_steps = 0;
+
 class Small final : public Unit {
  public:
   static constexpr double kMagnitude = 0x1p-30;
@@ -131,6 +172,10 @@ std::span<const UnitType> types() {
     all.push_back({"sum", "y = gain (u + v)", [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Sum>(); }});
     all.push_back({"root", "y = u/10 + √c", [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Root>(); }});
     all.push_back({"square", "y = u² + c", [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Square>(); }});
+    all.push_back(
+        {"logarithm", "y = c + ln u", [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Logarithm>(); }});
+    all.push_back(
+        {"departure", "", [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Departure>(departure_steps); }});
     all.push_back({"small", "", [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Small>(true); }});
     all.push_back({"small_undeclared", "", [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Small>(false); }});
     all.push_back({"wave", "", [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Wave>(1, true); }});
@@ -346,6 +391,34 @@ TEST(Loops, BlameTheUnitThatMakesAValueThatIsNotFinite) {
                         HasSubstr("expected a finite output, its inputs were finite: the fault is in this unit"),
                         Not(HasSubstr("tick"))));
     }
+  }
+}
+
+// x = c + ln x has no solution for c < 1; Newton's method tries negative values then.
+TEST(Loops, BlameNoUnitForAnEquationWithoutASolution) {
+  for (const double c : {0.99, 0.5, 0.0, -1.0, -5.0}) {
+    Build b;
+    b.unit("a", "logarithm").unit("b", "gain").connect("a.y", "b.u").connect("b.y", "a.u").until(0.1);
+    b.event(0.005, "a.c", std::to_string(c));
+    b.scenario.coupling = CouplingChoice::kImplicit;
+    Master master = load(b);
+    EXPECT_THAT(error_of([&] { to_the_end(master); }), AllOf(HasSubstr("a, b at t = 0.005"), HasSubstr("no solution"))) << c;
+  }
+}
+
+TEST(ImplicitCoupling, TakesNoGuessForGrowth) {
+  for (int i = 0; i < 30; ++i) {
+    const double w = 1 + 40 * i / 30.0;
+    Build b;
+    b.unit("a", "departure").with("w", w).unit("b", "gain").connect("a.y", "b.u").connect("b.y", "a.u").until(0.1);
+    b.scenario.coupling = CouplingChoice::kImplicit;
+    Master master = load(b);
+    departure_steps = 0;
+    master.initialise();
+    EXPECT_LT(departure_steps, 1000) << w << ", to choose a rule for held inputs";
+    while (master.step_tick()) {
+    }
+    EXPECT_EQ(master.summary().loops.at(0).counts.steps, master.ticks()) << w;
   }
 }
 

@@ -55,6 +55,16 @@ TEST(Extrapolation, DoesNotMultiplyNoise) {
   EXPECT_LT(worst, 6);  // degree 7 misses by up to 2^8 / 2
 }
 
+// All degrees have missed by the jump, the higher ones as a part of a sum that would repeat it.
+TEST(Extrapolation, DoesNotRepeatAJump) {
+  for (int jump = 9; jump < 200; ++jump) {
+    const auto x = [&](int n) { return of(std::sin(0.05 * n) + (n > jump ? 1 : 0), std::cos(0.03 * n)); };
+    Extrapolation guess(2);
+    follow(guess, x, 0, jump + 1);
+    EXPECT_LT(next_error(guess, x(jump + 1), x(jump + 2)), 0.1) << jump;
+  }
+}
+
 TEST(Extrapolation, BeginsAnewAfterAStepThatDoesNotContinue) {
   const auto x = [](int n) { return of(n * n, n); };
   Extrapolation guess(2);
