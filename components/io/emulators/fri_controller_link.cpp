@@ -25,6 +25,9 @@ constexpr std::int64_t kRepeatMessage =
 constexpr std::int64_t kLong = 10'000'000'000;  // ns without any answer after which there is a warning
 constexpr const char* kNobody = "no client answered for 10 s";
 constexpr std::size_t kThird = 2;  // the joint whose position is the redundancy E1 of a robot of seven joints
+constexpr const char* kNamedController =
+    "a client that was started with the address of a controller accepts messages from that address and port only (parameters "
+    "address and port)";
 constexpr const char* kUnsent =
     "a message could not be sent to the client: there is no way to its address, or the network is down (output unsent)";
 constexpr const char* kNoCommands =
@@ -58,9 +61,8 @@ FriControllerLink::FriControllerLink(Settings& settings, std::vector<trajectory:
       tau_e_(n_),
       q_d_(n_),
       reads_(settings.text("io_read"), fri::Io::Direction::kInput, kFriControllerPlace + "&io_read"),
-      address_(protocol_ == fri::Protocol::kLwr ? "127.0.0.1" : "127.0.0.2"),
+      address_("127.0.0.1"),
       client_("127.0.0.1:" + std::to_string(default_port(protocol_))),
-      port_(protocol_ == fri::Protocol::kLwr ? 0 : default_port(protocol_)),
       tau_command_max_(n_, kNoLimit),
       stiffness_(n_, 1000.0),
       damping_(n_, 0.7),
@@ -175,13 +177,20 @@ fri::ControllerSettings FriControllerLink::controller_settings() {
   return s;
 }
 
+/// Sunrise controllers send from port 30200. On the client's machine this port stays free for the client: KUKA's bind it at all
+/// addresses, which they cannot while any other program has it.
+std::uint16_t FriControllerLink::local_port(const net::Endpoint& local) const {
+  if (port_ >= 0) return static_cast<std::uint16_t>(port_);
+  return static_cast<std::uint16_t>(protocol_ == fri::Protocol::kLwr || local.is_loopback() ? 0 : default_port(protocol_));
+}
+
 void FriControllerLink::initialise(Time start, Measured&) {
   controller_.emplace(controller_settings(), kFriControllerPlace);
   request_transformations();
   stepped_ = false;
   epoch_ = protocol_ == fri::Protocol::kLwr ? 0 : start_time_ < 0 ? utc() - start.ns : nanoseconds_of(start_time_);
   net::Endpoint local = net::endpoint_of(address_, 0, kFriControllerPlace + ": address");
-  local.port = static_cast<std::uint16_t>(port_);
+  local.port = local_port(local);
   datagrams_.open(local, kFriControllerPlace + ": address, port");
   datagrams_.set_source(controller_->settings().client, protocol_ == fri::Protocol::kLwr ? 16 : 32,
                         [this](auto bytes) { return stamp(bytes); });
@@ -436,6 +445,8 @@ void FriControllerLink::tell(std::vector<std::string>& sentences) const {
   if (commands_ == 0) {
     sentences.push_back("no client at " + client + " answered the " + std::to_string(counts_.sent) + " messages (" +
                         fri::to_text(protocol_) + ", from " + net::to_text(datagrams_.local()) + ")");
+    if (port_ < 0 && datagrams_.local().is_loopback() && protocol_ != fri::Protocol::kLwr)
+      sentences.emplace_back(kNamedController);
   } else {
     sentences.push_back("client " + client + " (" + fri::to_text(protocol_) + "): " + std::to_string(counts_.sent) +
                         " messages, " + std::to_string(counts_.in_time) + " answered in time, " + std::to_string(counts_.late) +

@@ -55,6 +55,7 @@ class FriControllerLink final : public Link {
   };
 
   fri::ControllerSettings controller_settings();
+  std::uint16_t local_port(const net::Endpoint& local) const;
   fri::ControlMode control_of(fri::ClientCommandMode mode) const;
   void request_transformations();
   std::optional<DatagramQueue::Stamp> stamp(std::span<const std::uint8_t> bytes);
@@ -80,7 +81,7 @@ class FriControllerLink final : public Link {
   IoPorts reads_;
   // Parameters.
   std::string address_, client_, client_mode_ = "position", control_, transformations_;
-  std::int32_t port_, receive_multiplier_ = 1, window_ = 100, max_lost_ = 10;
+  std::int32_t port_ = -1, receive_multiplier_ = 1, window_ = 100, max_lost_ = 10;
   double period_ = 0.005, excellent_ = 0.99, good_ = 0.95, fair_ = 0.75, excellent_latency_ = 0.5, stop_time_ = 0.2;
   double safety_factor_ = 1, restart_ = 0, ddq_max_ = 50;
   double force_max_ = 1e9, moment_max_ = 1e9, stiffness_max_ = 5000, translational_stiffness_max_ = 5000,

@@ -41,8 +41,12 @@ void FriControllerLink::declare(Variables& v, JointVariables& joints) {
   counts_.declare(v);
 
   v.parameter("address", address_,
-              "IPv4 address of this machine that messages are sent from; 127.0.0.1 and 127.0.0.2: this machine only");
-  v.parameter("port", port_, "UDP port that messages are sent from; 0: the system chooses").range(0, 65535);
+              "IPv4 address of this machine that messages are sent from; 127.0.0.1 to 127.255.255.254: this machine only");
+  v.parameter(
+       "port", port_,
+       "UDP port that messages are sent from; 0: the system chooses; -1: 0 with LWR and at an address of this machine only, "
+       "where clients bind 30200 themselves, else 30200")
+      .range(-1, 65535);
   v.parameter("client", client_, "IPv4 address and port of the client");
   v.parameter("period", period_, "s", "send period; Sunrise: whole milliseconds").range(1e-3, 0.1);
   v.parameter("receive_multiplier", receive_multiplier_, "Sunrise: the client answers every so many messages").range(1, 100);

@@ -26,8 +26,6 @@ constexpr const char* kWithheld = "after a loss, a restart or a jump nothing was
 constexpr std::int64_t kRepeatAnswer = 20'000'000;  // ns without a message, until an answer is repeated
 constexpr int kLastTimes = 5;                       // the last answer is sent again at the end
 
-bool is_loopback(std::uint32_t address) { return address >> 24 == 127; }
-
 const char* reason(fri::Fault fault) {
   switch (fault) {
     case fri::Fault::kStranger:
@@ -107,8 +105,8 @@ void FriLink::open(Measured& measured) {
   if (!controller_.empty()) settings.controller = net::endpoint_of(controller_, 0, kFriPlace + ": controller");
   settings.timeout = Duration::from_seconds(timeout_).ns;
   net::Endpoint local = net::endpoint_of(address_, 0, kFriPlace + ": address");
-  const bool here = is_loopback(local.address), anyone = settings.controller.address == 0;
-  const bool elsewhere = !anyone && !is_loopback(settings.controller.address);
+  const bool here = local.is_loopback(), anyone = settings.controller.address == 0;
+  const bool elsewhere = !anyone && !settings.controller.is_loopback();
   if (here && elsewhere) {
     throw Error(kFriPlace + ": address", address_ + ", which only programs on this machine reach, with the controller " +
                                              controller_ +

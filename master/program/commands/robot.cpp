@@ -98,7 +98,7 @@ int emulate(const RobotArguments& a) {
   set("controller.client_mode", a.mode);
   set("controller.restart", a.once ? "0" : "1");
   set("controller.start_time", "-1");
-  const std::string address = a.address.empty() ? (lwr ? "127.0.0.1" : "127.0.0.2") : a.address;
+  const std::string address = a.address.empty() ? "127.0.0.1" : a.address;
   const std::string client = a.client.empty() ? "127.0.0.1" : a.client;
   set("controller.address", address);
   const std::string default_port = lwr ? "49938" : "30200";
@@ -108,11 +108,9 @@ int emulate(const RobotArguments& a) {
   run.set.insert(run.set.end(), a.set.begin(), a.set.end());
   if (!a.quiet) {
     std::cout << "robot " << robot << " with FRI " << protocol << " at " << address
-              << (a.port ? ":" + std::to_string(*a.port)
-                  : lwr  ? ""
-                         : ":30200")
-              << ", client expected at " << (client.find(':') == std::string::npos ? client + ":" + default_port : client)
-              << ", a message every " << text::to_text(a.period) << " ms; " << duration_of(a) << std::endl;
+              << (a.port ? ":" + std::to_string(*a.port) : "") << ", client expected at "
+              << (client.find(':') == std::string::npos ? client + ":" + default_port : client) << ", a message every "
+              << text::to_text(a.period) << " ms; " << duration_of(a) << std::endl;
   }
   return run_scenario(run);
 }
@@ -146,15 +144,15 @@ void add_robot(CLI::App& app, Chosen& chosen) {
                    "IPv4 address of the client, perhaps with :port (default: 127.0.0.1, port 49938 or 30200)")
       ->type_name("ADDRESS");
   command
-      ->add_option("--address", a.address,
-                   "IPv4 address that the controller sends from, or listens at (default: 127.0.0.1 for lwr and RTDE, 127.0.0.2 "
-                   "for sunrise, reached "
-                   "from this machine only)")
+      ->add_option(
+          "--address", a.address,
+          "IPv4 address that the controller sends from, or listens at (default: 127.0.0.1, reached from this machine only)")
       ->type_name("ADDRESS");
   command
-      ->add_option("--port", a.port,
-                   "UDP port that the controller sends from (default: any for lwr, 30200 for sunrise), or TCP port that it "
-                   "listens at (30004)")
+      ->add_option(
+          "--port", a.port,
+          "UDP port that the controller sends from (default: any for lwr and at 127.x.x.x, else 30200), or TCP port that "
+          "it listens at (30004)")
       ->check(CLI::Range(0, 65535))
       ->type_name("PORT");
   command

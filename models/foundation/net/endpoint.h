@@ -13,6 +13,8 @@ struct Endpoint {
   bool covers(const Endpoint& other) const {
     return (address == 0 || address == other.address) && (port == 0 || port == other.port);
   }
+  /// Whether only programs on this machine reach it.
+  bool is_loopback() const { return address >> 24 == 127; }
   friend bool operator==(const Endpoint&, const Endpoint&) = default;
 };
 

@@ -287,6 +287,8 @@ TEST(RobotCommand, NamesWhatItCannotEmulate) {
   EXPECT_THAT(message({"--fri", "lwr", "--set", "controller.good=0.5"}), HasSubstr("rating.fair is 0.75, expected 0 to 0.5"));
   EXPECT_THAT(message({"--fri", "lwr", "--address", "host"}), HasSubstr("unit:io?link=fri_controller: address"));
   EXPECT_THAT(message({"--fri", "sunrise", "--address", "192.0.2.1"}), HasSubstr("UDP socket at 192.0.2.1:30200"));
+  EXPECT_THAT(message({"--fri", "sunrise", "--port", "30207", "--address", "192.0.2.1"}),
+              HasSubstr("UDP socket at 192.0.2.1:30207"));
 }
 
 }  // namespace

@@ -129,6 +129,62 @@ struct Controlled {
   std::int64_t n = 0;
 };
 
+/// A port at which a client binds all addresses, as KUKA's do.
+struct AnyAddressClient {
+  AnyAddressClient() : socket(net::UdpSocket(net::Endpoint{}, "test")), port(socket->local().port) {}
+  void restart() {
+    socket.reset();
+    socket.emplace(net::Endpoint{0, port}, "test");
+  }
+  std::optional<net::UdpSocket> socket;
+  std::uint16_t port;
+};
+
+// KUKA's clients bind port 30200 of all addresses, which is free only while no other program has it at any address.
+TEST(FriControllerLink, LeavesItsPortToClientsThatStartLateAndAgain) {
+  for (const Protocol p : fri::kProtocols) {
+    Instance robot = make_unit("unit:io?robot=lwr4&link=fri_controller&protocol=" + std::string(fri::to_text(p)), {},
+                               {models()}, unit_types());
+    AnyAddressClient client;
+    client.socket.reset();
+    assign_text(robot.variables.at("client"), "127.0.0.1:" + std::to_string(client.port));
+    for (int starts = 0; starts < 2; ++starts) {
+      robot.unit->initialise(Time{});
+      const net::Endpoint local = static_cast<DatagramQueue*>(robot.unit->tick_source())->local();
+      EXPECT_TRUE(local.is_loopback());
+      EXPECT_NE(local.port, 30200) << fri::to_text(p);
+      for (int times = 0; times < 2; ++times) {
+        ASSERT_NO_THROW(client.restart()) << fri::to_text(p);
+        ASSERT_EQ(robot.unit->step(Time{}, Duration{5'000'000}), StepResult::kDone);
+        std::array<std::uint8_t, 2048> bytes{};
+        std::optional<net::UdpSocket::Received> received;
+        for (const std::int64_t end = monotonic_now() + kPatience; !received && monotonic_now() < end;)
+          received = client.socket->receive(bytes);
+        ASSERT_TRUE(received);
+        EXPECT_EQ(received->from, local) << "where the client answers";
+        robot.unit->initialise(Time{});
+      }
+      client.socket.reset();
+    }
+  }
+}
+
+TEST(FriControllerLink, SendsFromThePortThatItIsGiven) {
+  Controlled c(Protocol::kSunrise1_15);
+  c.set("address", "127.0.0.2");
+  const AnyAddressClient free;
+  const std::uint16_t port = free.port;
+  c.set("port", std::to_string(port));
+  EXPECT_THAT(testing::error_of([&] { c.start(); }), HasSubstr("UDP socket at 127.0.0.2:" + std::to_string(port)));
+}
+
+TEST(FriControllerLink, TellsAClientThatIsConnectedWhereMessagesComeFrom) {
+  Controlled c(Protocol::kSunrise1_15);
+  c.set("port", "-1");
+  c.start();
+  EXPECT_THAT(c.sentences(), Contains(HasSubstr("accepts messages from that address and port only")));
+}
+
 TEST(FriControllerLink, KeepsTheClientsAnswerInAFloodOfStrangers) {
   Controlled c(Protocol::kSunrise1_15);
   c.start();

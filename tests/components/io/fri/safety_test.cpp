@@ -380,7 +380,7 @@ TEST(FriSafetyOfSettings, IsReachedFromThisMachineOnlyUnlessItsControllerIsNamed
   EXPECT_THAT(twin.instance.variables.at("warning").strings()[0], HasSubstr("neither authentication nor encryption"));
 }
 
-// The emulated Sunrise controller holds 127.0.0.2:30200. A twin that starts late or again has another address.
+// With --address 127.0.0.2 --port 30200 the emulated controller holds that port. A twin that starts late or again has another address.
 TEST(FriSafetyOfSettings, ATwinBindsItsPortBesideAnEmulatedControllerWithTheSameOne) {
   const net::UdpSocket controller(net::Endpoint{0x7f000002, 0}, "test");
   Ports twin("robot=lwr4&link=fri&protocol=sunrise-1.15");
