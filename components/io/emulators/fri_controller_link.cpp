@@ -160,6 +160,7 @@ fri::ControllerSettings FriControllerLink::controller_settings() {
                                                          {"wrench", fri::ClientCommandMode::kWrench},
                                                          {"pose", fri::ClientCommandMode::kCartesianPose}});
   s.control = control_of(s.command_mode);
+  s.control_follows = protocol_ == fri::Protocol::kLwr && control_.empty();
   s.overlay =
       s.command_mode == fri::ClientCommandMode::kCartesianPose ? fri::OverlayType::kCartesian : fri::OverlayType::kJoint;
   if (!kinematics_) {

@@ -52,8 +52,8 @@ void FriControllerLink::declare(Variables& v, JointVariables& joints) {
   v.parameter("receive_multiplier", receive_multiplier_, "Sunrise: the client answers every so many messages").range(1, 100);
   v.parameter("client_mode", client_mode_, "Sunrise: what is asked from the client: position, torque, wrench or pose");
   v.parameter("control", control_,
-              "control that is reported: position, joint_impedance or cartesian_impedance; empty: what client_mode needs, "
-              "joint_impedance for torque, cartesian_impedance for wrench, else position");
+              "control that is reported: position, joint_impedance or cartesian_impedance; empty: what client_mode (LWR: the "
+              "client's commands) needs, joint_impedance for torques, cartesian_impedance for wrenches, else position");
   v.parameter("window", window_, "command periods over which answers are rated").range(1, 10'000);
   v.parameter("excellent", excellent_, "1", "share of answers in time for excellent quality").range(0, 1);
   v.parameter("excellent_latency", excellent_latency_, "1", "largest mean latency for excellent quality, in command periods")

@@ -90,6 +90,13 @@ PoseInterpolatorSettings frame_interpolation_of(const ControllerSettings& s) {
 
 bool is_within(double value, double limit) { return value >= 0 && value <= limit; }
 
+/// The control in which an LWR takes these quantities.
+ControlMode control_of(std::uint32_t fields) {
+  if ((fields & (C::kWrench | C::kCartesianStiffness | C::kCartesianDamping)) != 0) return ControlMode::kCartesianImpedance;
+  if ((fields & (C::kTorque | C::kJointStiffness | C::kJointDamping)) != 0) return ControlMode::kJointImpedance;
+  return ControlMode::kPosition;
+}
+
 }  // namespace
 
 const char* to_text(Drop drop) {
@@ -250,6 +257,9 @@ bool Controller::commands_pose() const {
 Drop Controller::limit_exceeded(std::int64_t index) {
   Command& c = received_;
   if (lwr() && c.fields != fields_) return Drop::kFields;
+  const ControlMode control = control_of(c.fields);
+  if (lwr() && !settings_.control_follows && control != ControlMode::kPosition && control != settings_.control)
+    return Drop::kFields;
   // Torques and wrenches in another mode than theirs are no command of this session.
   const bool torques = c.has(C::kTorque) && settings_.command_mode != ClientCommandMode::kTorque;
   const bool wrenches = c.has(C::kWrench) && settings_.command_mode != ClientCommandMode::kWrench;
@@ -465,7 +475,7 @@ std::span<const std::uint8_t> Controller::write_message(std::int64_t now) {
   m.latency = rating_.latency();
   m.jitter = rating_.jitter();
   m.misses = static_cast<std::uint32_t>(statistics_.missing + statistics_.late);
-  m.control = settings_.control;
+  m.control = lwr() && settings_.control_follows ? control_of(command_.fields) : settings_.control;
   m.command_mode = settings_.command_mode;
   m.overlay = settings_.overlay;
   m.fields |= M::kCommandedPosition | M::kInterpolatorPosition | M::kControlMode | M::kCommandMode | M::kOverlay | M::kTracking;

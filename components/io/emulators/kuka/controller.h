@@ -41,6 +41,8 @@ struct ControllerSettings {
   std::int64_t slack = 0;                // ns by which the times of a client's commands may differ from those of their messages
   double synchronised = 1e-3;            // rad, m: difference from the interpolator at which COMMANDING_WAIT ends
   ControlMode control = ControlMode::kPosition;
+  /// LWR: the control is the one that the client's quantities need. Otherwise quantities of another impedance end commanding.
+  bool control_follows = false;
   ClientCommandMode command_mode = ClientCommandMode::kPosition;  // Sunrise
   OverlayType overlay = OverlayType::kJoint;                      // Sunrise
   /// The posture near `q` (rad) in which the robot's frame has the pose X, and the redundancy if there is one; false if there is

@@ -658,6 +658,32 @@ TEST(FriControllerLink, ReportsTheControlThatItsModeNeeds) {
   }
 }
 
+TEST(FriControllerLink, AnLwrReportsTheControlOfItsClientsQuantities) {
+  using Control = fri::ControlMode;
+  struct Case {
+    std::uint32_t fields;
+    Control control;
+  };
+  for (const Case& given : {Case{C::kPosition, Control::kPosition}, Case{C::kPosition | C::kTorque, Control::kJointImpedance},
+                            Case{C::kPosition | C::kJointStiffness | C::kJointDamping | C::kTorque, Control::kJointImpedance},
+                            Case{C::kPosition | C::kWrench, Control::kCartesianImpedance}}) {
+    for (const bool forced : {false, true}) {
+      Controlled c(Protocol::kLwr);
+      if (forced) c.set("control", "position");
+      c.command.fields = given.fields;
+      c.command.joint_stiffness.fill(1000);
+      c.command.joint_damping.fill(0.7);
+      c.start();
+      const bool accepted = !forced || given.control == Control::kPosition;
+      ASSERT_TRUE(c.commanding());
+      c.periods(3);
+      EXPECT_EQ(c.message.control, forced ? Control::kPosition : given.control) << given.fields;
+      EXPECT_EQ(c.boolean("active"), accepted) << given.fields << " a robot in position control takes no impedance";
+      EXPECT_EQ(c.integer("drop"), accepted ? 0 : static_cast<int>(fri::Drop::kFields));
+    }
+  }
+}
+
 TEST(FriControllerLink, RequestsTransformations) {
   for (const Protocol p : {Protocol::kSunrise1_15, Protocol::kSunrise2_7}) {
     Controlled c(p);
