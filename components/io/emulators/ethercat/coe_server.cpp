@@ -47,8 +47,9 @@ void ObjectDictionary::add(std::uint16_t index, std::uint8_t subindex, const std
   insert(e, std::span(bytes, e.bytes()));
 }
 
-void ObjectDictionary::add_text(std::uint16_t index, std::uint8_t subindex, const std::string& name, const std::string& value) {
-  insert({index, subindex, false, object_type::kText, static_cast<std::uint16_t>(8 * value.size()), 0, name},
+void ObjectDictionary::add_text(std::uint16_t index, std::uint8_t subindex, const std::string& name, const std::string& value,
+                                bool writable) {
+  insert({index, subindex, writable, object_type::kText, static_cast<std::uint16_t>(8 * value.size()), 0, name},
          std::span(reinterpret_cast<const std::uint8_t*>(value.data()), value.size()));
 }
 

@@ -32,7 +32,8 @@ class ObjectDictionary {
  public:
   void add(std::uint16_t index, std::uint8_t subindex, const std::string& name, std::uint16_t type, std::uint16_t bits,
            std::uint64_t value, bool writable = false);
-  void add_text(std::uint16_t index, std::uint8_t subindex, const std::string& name, const std::string& value);
+  void add_text(std::uint16_t index, std::uint8_t subindex, const std::string& name, const std::string& value,
+                bool writable = false);
 
   bool has(std::uint16_t index) const;
   const ObjectEntry* find(std::uint16_t index, std::uint8_t subindex) const;

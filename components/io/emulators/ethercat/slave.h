@@ -58,6 +58,7 @@ class Slave : private ObjectOwner {
   /// Where an assigned PDO begins in outputs() or inputs(), bits; none if it is not assigned.
   std::optional<std::size_t> place_of(std::uint16_t pdo) const;
   ObjectDictionary& objects() { return objects_; }
+  const ObjectDictionary& objects() const { return objects_; }
 
  private:
   void refresh(const ObjectEntry& entry) override;
