@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <fstream>
 
+#include "components/io/ethercat/master/start_up.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
 
@@ -31,6 +32,7 @@ class BusBuilder {
       slave.found = std::move(found[i]);
       const Sii& sii = slave.expected.sii ? *slave.expected.sii : slave.found.sii;
       slave.setup = setup_of(sii, slave.expected.pdos, place_of(i));
+      add_start_up(slave, i);
       check_sii(slave, i);
       check_sizes(slave, i);
       bus_.slaves.push_back(std::move(slave));
@@ -104,6 +106,16 @@ class BusBuilder {
                                      ", but its controller only " + std::to_string(slave.found.sync_managers));
       }
     }
+  }
+
+  /// The values of the user come before the assignment of PDOs.
+  void add_start_up(BusSlave& slave, std::size_t i) const {
+    const std::vector<StartUpValue>& values = slave.expected.start_up;
+    if (values.empty()) return;
+    if (!slave.setup.has_coe) {
+      throw Error(values.front().origin, "is for " + place_of(i) + ", which has no mailbox with CoE, expected none for it");
+    }
+    slave.setup.start_up.insert(slave.setup.start_up.begin(), values.begin(), values.end());
   }
 
   void check_sizes(const BusSlave& slave, std::size_t i) const {
@@ -253,42 +265,6 @@ class BusBuilder {
                              std::move(bytes), "take the settings of its sync managers"));
   }
 
-  /// Downloads a value: the mail, a wait until the answer is in the mailbox, and the answer.
-  void download(std::vector<Step>& steps, const BusSlave& s, SdoClient& client, const StartUpValue& value) const {
-    const SiiMailbox& box = s.setup.mailbox;
-    std::array<std::uint8_t, 4> bytes;
-    store(bytes.data(), value.value);
-    client.download(value.index, value.subindex, std::span<const std::uint8_t>(bytes).first(value.bytes));
-    std::vector<std::uint8_t> mail(client.request().begin(), client.request().end());
-    mail.resize(box.out_size);
-    Step send = datagram(Command::kFpwr, at_station(s.found.station, box.out), std::move(mail), "take a mail");
-    send.may_refuse = true;
-    steps.push_back(std::move(send));
-    Step full = datagram(Command::kFprd, at_station(s.found.station, reg::kSyncManager + reg::kSyncManagerSize + 5),
-                         std::vector<std::uint8_t>(1), "answer a mail");
-    full.mask = full.expected = {sync_manager::kFull};
-    steps.push_back(std::move(full));
-    Step answer = datagram(Command::kFprd, at_station(s.found.station, box.in), std::vector<std::uint8_t>(box.in_size),
-                           "take the assignment of its PDOs");
-    answer.kind = Step::Kind::kMail;
-    answer.back = 1;
-    answer.may_refuse = true;
-    answer.repeat = at_station(s.found.station, reg::kSyncManager + reg::kSyncManagerSize + 6);
-    answer.mask.assign(12, 0);
-    answer.expected.assign(12, 0);
-    const auto expect = [&](std::size_t at, std::uint8_t mask, unsigned expected) {
-      answer.mask[at] = mask;
-      answer.expected[at] = static_cast<std::uint8_t>(expected);
-    };
-    expect(5, 0x0f, static_cast<unsigned>(MailType::kCoE));
-    expect(7, 0xf0, static_cast<unsigned>(CoeService::kSdoResponse) << 4);
-    expect(8, sdo::kServiceBits, sdo::kDownloaded);
-    expect(9, 0xff, value.index & 0xff);
-    expect(10, 0xff, value.index >> 8);
-    expect(11, 0xff, value.subindex);
-    steps.push_back(std::move(answer));
-  }
-
   void map(std::vector<Step>& steps, const BusSlave& s, std::size_t i) const {
     std::uint16_t fmmu = 0;
     for (const bool outputs : {true, false}) {
@@ -431,11 +407,14 @@ class BusBuilder {
       set_sync_manager(steps, station, 1, box.in, box.in_size, 0x22);
     }
     go_to(steps, station, State::kPreOp, "go to PREOP");
-    if (!s.setup.start_up.empty()) {
-      SdoClient client(box.out_size,
-                       box.in_size);  // one for all: a slave takes a mail with the counter of the last one for its repetition
-      for (const StartUpValue& value : s.setup.start_up) download(steps, s, client, value);
-    }
+    SdoClient client(std::max<std::size_t>(box.out_size, kShortestMailbox),
+                     std::max<std::size_t>(box.in_size, kShortestMailbox));
+    const auto download = [&](bool before_op) {
+      for (const StartUpValue& value : s.setup.start_up) {
+        if (value.before_op == before_op) append_download(steps, station, box, client, value);
+      }
+    };
+    download(false);
     for (const ProcessData& data : s.setup.process_data) {
       // Not all SIIs ask for the watchdog: outputs would stay on for ever when the cable breaks.
       const auto control = static_cast<std::uint8_t>(data.control | (data.outputs ? sync_manager::kWatchdog : 0));
@@ -451,6 +430,7 @@ class BusBuilder {
     clock_set_.push_back(steps.size());
     if (clock && s.expected.sync_activation != 0) start_sync(steps, s);
     go_to(steps, station, State::kSafeOp, "go to SAFEOP");
+    download(true);
 
     acknowledge(s.run, station, State::kSafeOp, "clear its error");
     Step safe = datagram(Command::kFprd, at_station(station, reg::kAlStatus), std::vector<std::uint8_t>(6), "clear its error");

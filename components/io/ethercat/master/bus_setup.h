@@ -20,6 +20,7 @@ struct ExpectedSlave {
   std::uint32_t vendor = 0, product = 0;  // 0: any
   PdoChoice pdos;
   std::size_t input_bytes = 0, output_bytes = 0;  // that its ports were made for
+  std::vector<StartUpValue> start_up;             // of the user
   std::optional<Sii> sii;                         // instead of that in the slave
   std::uint16_t sync_activation = 0;              // to 0x0980 and 0x0981, with distributed clocks; 0: without SYNC0
   std::int64_t sync0_shift = 0;                   // ns

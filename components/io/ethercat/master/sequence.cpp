@@ -168,7 +168,7 @@ Sequence::Status Sequence::receive(bool answered, std::uint16_t working_counter,
 }
 
 std::string Sequence::failure() const {
-  std::string text = std::string("did not ") + step().what + ": ";
+  std::string text = "did not " + step().what + ": ";
   if (al_code_ != AlCode::kNone) return text + "AL status code " + hex(static_cast<std::uint32_t>(al_code_));
   if (abort_ != SdoAbort::kNone) {
     return text + "SDO abort " + hex(static_cast<std::uint32_t>(abort_)) + ", " + std::string(describe(abort_));

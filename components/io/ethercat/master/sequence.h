@@ -53,7 +53,7 @@ struct Step {
   bool may_refuse = false;               // a mailbox, which is not accessible while it is full or empty
   bool identity = false;                 // an answer that does not fit is final: it is another device
   std::uint32_t repeat = 0;              // kMail: address of the activate byte of its sync manager
-  const char* what = "";                 // for messages: "go to PREOP"
+  std::string what;                      // for messages: "go to PREOP"
 };
 
 /// The values of SYNC0 and delay that computed steps use.

@@ -107,11 +107,14 @@ class SlaveBuilder {
   void assign(std::size_t sync_manager, const std::vector<std::uint16_t>& pdos) {
     if (!setup_.has_coe) throw Error(place_, "its PDOs cannot be chosen, because it has no mailbox with CoE");
     const auto object = static_cast<std::uint16_t>(0x1c10 + sync_manager);
-    setup_.start_up.push_back({object, 0, 0, 1});
+    const auto add = [&](std::size_t subindex, std::vector<std::uint8_t> data) {
+      setup_.start_up.push_back({object, static_cast<std::uint8_t>(subindex), std::move(data), false, ""});
+    };
+    add(0, {0});
     for (std::size_t i = 0; i < pdos.size(); ++i) {
-      setup_.start_up.push_back({object, static_cast<std::uint8_t>(i + 1), pdos[i], 2});
+      add(i + 1, {static_cast<std::uint8_t>(pdos[i]), static_cast<std::uint8_t>(pdos[i] >> 8)});
     }
-    setup_.start_up.push_back({object, 0, static_cast<std::uint32_t>(pdos.size()), 1});
+    add(0, {static_cast<std::uint8_t>(pdos.size())});
   }
 
   const Sii& sii_;

@@ -31,12 +31,13 @@ struct ProcessData {
   std::vector<std::uint16_t> pdos;  // indices
 };
 
-/// An object that is downloaded before the slave goes from PREOP to SAFEOP.
+/// An object that is downloaded while the slave is set up.
 struct StartUpValue {
   std::uint16_t index = 0;
   std::uint8_t subindex = 0;
-  std::uint32_t value = 0;
-  std::size_t bytes = 0;
+  std::vector<std::uint8_t> data;  // little endian
+  bool before_op = false;          // in SAFEOP, before it goes to OP; otherwise in PREOP, before it goes to SAFEOP
+  std::string origin;              // for messages: "drives.csv:3"; empty: the assignment of PDOs
 };
 
 struct SlaveSetup {
