@@ -29,7 +29,7 @@ std::unique_ptr<Link> make_link(Settings& settings, std::vector<trajectory::Axis
   const std::string link = settings.choice("link");
   if (link == "sensors")
     return std::make_unique<SensorLink>(joints.size(), static_cast<std::size_t>(settings.integer("history")));
-  if (link == "ethercat") return std::make_unique<EtherCatLink>(settings, joints.size());
+  if (link == "ethercat") return std::make_unique<EtherCatLink>(settings, joints);
   if (link == "ethercat_bus") return std::make_unique<EtherCatBusLink>(settings, joints.size());
   if (link == "fri") return std::make_unique<FriLink>(settings, std::move(joints));
   if (link == "fri_controller") return std::make_unique<FriControllerLink>(settings, std::move(joints));

@@ -27,7 +27,7 @@ std::int32_t narrow(std::int64_t value) {
 
 EtherCatBusLink::EtherCatBusLink(Settings& settings, std::size_t joints)
     : interface_(settings.text("interface")), slaves_(read_slaves(settings, kBusPlace)), field_(slaves_, joints) {
-  check_encoders(slaves_, joints, kBusPlace);
+  joints_of(slaves_, joints, kBusPlace);
   if (interface_ == "emulated") {
     throw Error(
         kBusPlace,

@@ -4,12 +4,15 @@
 #include <limits>
 
 #include "components/io/emulators/ethercat/devices.h"
+#include "components/io/emulators/ethercat/servo_drive.h"
 
 namespace cotwin::io {
 
 namespace {
 
 using Kind = SlaveChoice::Kind;
+
+bool is_emulated_drive(const SlaveChoice& s) { return s.kind == Kind::kDrive && s.image.empty(); }
 
 constexpr double kDelayPerMetre = 5.3;  // ns, of a frame on copper
 
@@ -31,6 +34,11 @@ void EtherCatField::declare(Variables& v, JointVariables& joints) {
       v.input(s.name + "_field", terminals_[i].channels, "what is wired to the channels of the " + s.device);
     } else if (s.kind == Kind::kDigitalOutputs) {
       v.output(s.name + "_field", terminals_[i].channels, "what the channels of the " + s.device + " switch");
+    } else if (is_emulated_drive(s)) {
+      v.output(s.name + "_field", terminals_[i].position, "1", "position of the axis of the " + s.device + ", counts");
+      v.parameter(s.name + "_start", terminals_[i].start,
+                  "position of the axis when the " + s.device + " is switched on, counts");
+      v.input(s.name + "_fault", terminals_[i].fault, "whether the " + s.device + " has a fault of the outside (code 0x9000)");
     }
   }
   joints.input("q_field", q_, "rad", "position of the axis at each encoder, in the order of the bus");
@@ -52,7 +60,12 @@ void EtherCatField::initialise(std::int64_t now) {
     ethercat::Connection connection;
     connection.parent = i == 0 ? 0 : i - 1;
     connection.cable = std::llround(cable_[i] * kDelayPerMetre);
-    bus_.append(make_slave(slaves_[i], clock), connection).power_on(now);
+    ethercat::Slave& slave = bus_.append(make_slave(slaves_[i], clock), connection);
+    if (is_emulated_drive(slaves_[i])) {
+      static_cast<ethercat::ServoDrive&>(slave).set_start(terminals_[i].start);
+      terminals_[i].axis = terminals_[i].start;
+    }
+    slave.power_on(now);
   }
   cut_now_ = off_now_ = -1;
   exchange();
@@ -73,6 +86,9 @@ void EtherCatField::exchange() {
       const double counts = std::floor(q_[encoder] * counts_per_q_[encoder]);
       ++encoder;
       if (std::abs(counts) < 9e18) t.counts.store(static_cast<std::int64_t>(counts), std::memory_order_relaxed);
+    } else if (is_emulated_drive(slaves_[i])) {
+      t.position = t.axis.load(std::memory_order_relaxed);
+      t.cause.store(t.fault, std::memory_order_relaxed);
     }
     states_[i] = t.state.load(std::memory_order_relaxed);
   }
@@ -101,6 +117,11 @@ void EtherCatField::apply(std::int64_t now) {
       t.bits.store(static_cast<ethercat::El2809&>(slave).channels(), std::memory_order_relaxed);
     } else if (slaves_[i].kind == Kind::kEncoder) {
       static_cast<ethercat::El5101&>(slave).set_position(t.counts.load(std::memory_order_relaxed), now);
+    } else if (is_emulated_drive(slaves_[i])) {
+      auto& drive = static_cast<ethercat::ServoDrive&>(slave);
+      drive.set_fault_cause(t.cause.load(std::memory_order_relaxed));
+      if (off_now_ != static_cast<std::int32_t>(i)) drive.advance(now);
+      t.axis.store(drive.position(), std::memory_order_relaxed);
     }
     const bool off = off_now_ == static_cast<std::int32_t>(i);
     t.state.store(off ? 0 : static_cast<std::int32_t>(slave.state()), std::memory_order_relaxed);

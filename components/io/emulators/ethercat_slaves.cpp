@@ -5,6 +5,9 @@
 #include <fstream>
 #include <iterator>
 
+#include "components/io/emulators/ethercat/servo_drive.h"
+#include "components/io/ethercat/master/start_up.h"
+
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
 
@@ -25,7 +28,8 @@ struct Known {
 constexpr Known kKnown[] = {{"EK1100", SlaveChoice::Kind::kCoupler, ethercat::ek1100_sii},
                             {"EL1809", SlaveChoice::Kind::kDigitalInputs, ethercat::el1809_sii},
                             {"EL2809", SlaveChoice::Kind::kDigitalOutputs, ethercat::el2809_sii},
-                            {"EL5101", SlaveChoice::Kind::kEncoder, ethercat::el5101_sii}};
+                            {"EL5101", SlaveChoice::Kind::kEncoder, ethercat::el5101_sii},
+                            {"DRIVE402", SlaveChoice::Kind::kDrive, ethercat::servo_drive_sii}};
 
 bool is_identifier(const std::string& name) {
   const auto letter = [](char c) { return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || c == '_'; };
@@ -41,6 +45,19 @@ std::vector<std::uint8_t> read_image(const std::filesystem::path& path) {
 
 ethercat::PdoChoice encoder_pdos(bool wide) { return wide ? ethercat::PdoChoice{{0x1603}, {0x1a04}} : ethercat::PdoChoice{}; }
 
+/// The devices of SII images that `list` names are drives.
+void choose_drives(const std::string& list, std::vector<SlaveChoice>& slaves, const std::string& place) {
+  if (list.empty()) return;
+  for (const std::string_view part : text::split(list, ',')) {
+    const auto slave = std::ranges::find(slaves, text::trim(part), &SlaveChoice::name);
+    if (slave == slaves.end() || slave->kind != SlaveChoice::Kind::kImage) {
+      throw Error(place,
+                  "drives: '" + std::string(part) + "', expected the name of a slave that is described by its SII image");
+    }
+    slave->kind = SlaveChoice::Kind::kDrive;
+  }
+}
+
 }  // namespace
 
 bool SlaveChoice::is_digital(bool outputs) const {
@@ -52,9 +69,16 @@ bool SlaveChoice::is_digital(bool outputs) const {
 void declare_ethercat_settings(SettingList& s) {
   s.text(
       "slaves", "",
-      "link=ethercat, ethercat_bus: the slaves in the order of the bus, as in EK1100,buttons:EL1809,valves:EL2809,axis:EL5101; "
+      "link=ethercat, ethercat_bus: the slaves in the order of the bus, as in "
+      "EK1100,buttons:EL1809,valves:EL2809,axis:EL5101,q1:DRIVE402; "
       "door:EL1004.bin: a device that is described by its SII image in that file; the name before the colon is the prefix of "
       "its ports");
+  s.text("drives", "",
+         "link=ethercat, ethercat_bus: names of the slaves with an SII image that are drives with the profile CiA 402, as in "
+         "q1,q2; each moves a joint. DRIVE402, the emulated drive, is one without this");
+  s.text("start_up", "",
+         "link=ethercat: file of values that are written over CoE at the start, with the lines "
+         "slave,when,index,subindex,type,value (docs/ethercat_drives.md)");
   s.integer("encoder_bits", 16, 16, 32, "link=ethercat: bits of the counters of EL5101: 16, or 32, which is set up over CoE");
   s.text("interface", "emulated",
          "link=ethercat, ethercat_bus: network interface of the bus; emulated: a bus within this program, whose field side are "
@@ -90,8 +114,10 @@ std::vector<SlaveChoice> read_slaves(Settings& settings, const std::string& plac
       const auto known =
           std::find_if(std::begin(kKnown), std::end(kKnown), [&](const Known& k) { return choice.device == k.device; });
       if (known == std::end(kKnown)) {
-        throw Error(place, "slaves: no device '" + choice.device +
-                               "', expected EK1100, EL1809, EL2809, EL5101 or the file of an SII image, as in door:EL1004.bin");
+        throw Error(
+            place,
+            "slaves: no device '" + choice.device +
+                "', expected EK1100, EL1809, EL2809, EL5101, DRIVE402 or the file of an SII image, as in door:EL1004.bin");
       }
       choice.kind = known->kind;
       const bool wide = bits == 32 && choice.kind == SlaveChoice::Kind::kEncoder;
@@ -106,16 +132,42 @@ std::vector<SlaveChoice> read_slaves(Settings& settings, const std::string& plac
     if (twice) throw Error(place, "slaves: two slaves are named '" + choice.name + "', expected different names");
     slaves.push_back(std::move(choice));
   }
+  choose_drives(settings.text("drives"), slaves, place);
   return slaves;
 }
 
-void check_encoders(const std::vector<SlaveChoice>& slaves, std::size_t joints, const std::string& place) {
-  const auto encoders =
-      std::count_if(slaves.begin(), slaves.end(), [](const SlaveChoice& s) { return s.kind == SlaveChoice::Kind::kEncoder; });
-  if (encoders > static_cast<std::ptrdiff_t>(joints)) {
-    throw Error(place, std::to_string(encoders) + " encoders, but " + std::to_string(joints) +
-                           " joints, expected at most one encoder per joint (setting joints or robot)");
+void read_start_up_file(Settings& settings, std::vector<SlaveChoice>& slaves, const std::string& place) {
+  const std::string name = settings.text("start_up");
+  if (name.empty()) return;
+  const std::filesystem::path path = settings.data_file(name);
+  std::ifstream file(path, std::ios::binary);
+  const std::string text{std::istreambuf_iterator<char>(file), {}};
+  if (!file) throw Error(path.string(), "cannot be read, expected a list of start-up values");
+  for (ethercat::StartUpRow& row : ethercat::read_start_up(text, path.string())) {
+    const auto slave = std::ranges::find(slaves, row.slave, &SlaveChoice::name);
+    if (slave == slaves.end()) {
+      throw Error(row.value.origin, "slave is '" + row.slave + "', expected a name in the setting slaves of " + place);
+    }
+    if (!slave->setup.has_coe) {
+      throw Error(row.value.origin,
+                  "slave " + row.slave + " (" + slave->device + ") has no mailbox with CoE, expected one that has");
+    }
+    slave->start_up.push_back(std::move(row.value));
   }
+}
+
+std::vector<std::size_t> joints_of(const std::vector<SlaveChoice>& slaves, std::size_t joints, const std::string& place) {
+  std::vector<std::size_t> list(slaves.size());
+  std::size_t encoders = 0, drives = 0;
+  for (std::size_t i = 0; i < slaves.size(); ++i) {
+    list[i] = encoders + drives;
+    encoders += slaves[i].kind == SlaveChoice::Kind::kEncoder;
+    drives += slaves[i].kind == SlaveChoice::Kind::kDrive;
+  }
+  if (encoders + drives <= joints) return list;
+  throw Error(place, std::to_string(encoders) + " encoders" + (drives > 0 ? " and " + std::to_string(drives) + " drives" : "") +
+                         ", but " + std::to_string(joints) +
+                         " joints, expected at most one encoder or drive per joint (setting joints or robot)");
 }
 
 std::vector<ExpectedSlave> expected_slaves(const std::vector<SlaveChoice>& slaves, bool sync0, double sync0_shift) {
@@ -126,8 +178,9 @@ std::vector<ExpectedSlave> expected_slaves(const std::vector<SlaveChoice>& slave
     e.device = choice.device;
     e.vendor = choice.setup.vendor;
     e.product = choice.setup.product;
-    if (choice.kind == SlaveChoice::Kind::kEncoder) {
-      e.pdos = encoder_pdos(!choice.setup.start_up.empty());
+    e.start_up = choice.start_up;
+    if (choice.kind == SlaveChoice::Kind::kEncoder) e.pdos = encoder_pdos(!choice.setup.start_up.empty());
+    if (choice.kind == SlaveChoice::Kind::kEncoder || choice.kind == SlaveChoice::Kind::kDrive) {
       if (sync0) e.sync_activation = kWithSync0;
       e.sync0_shift = std::llround(sync0_shift * 1e9);
     }
@@ -148,6 +201,9 @@ std::unique_ptr<ethercat::Slave> make_slave(const SlaveChoice& choice, const eth
       return std::make_unique<ethercat::El2809>(ethercat::terminal_options(clock));
     case SlaveChoice::Kind::kEncoder:
       return std::make_unique<ethercat::El5101>(ethercat::terminal_options(clock));
+    case SlaveChoice::Kind::kDrive:
+      if (choice.image.empty()) return std::make_unique<ethercat::ServoDrive>(ethercat::terminal_options(clock));
+      break;
     case SlaveChoice::Kind::kImage:
       break;
   }

@@ -22,6 +22,8 @@ class Acknowledgement {
   /// Once in each step. `ready`: the device is back, so that an edge counts.
   void decide(bool ready);
   bool awaits() const { return awaits_; }
+  /// Whether nothing is ever awaited.
+  bool is_automatic() const { return restart_ == "automatic"; }
 
  private:
   std::string restart_ = "acknowledged";

@@ -35,7 +35,8 @@ constexpr const char* kWrapped =
     "(encoder_bits=32 has room for hours)";
 constexpr const char* kNotStopped =
     "not all slaves answered at the end of the run that they are in INIT: their outputs are off when their watchdogs expire";
-constexpr double kHalfACycle = -1;  // value of sync0_shift
+constexpr std::int64_t kLongestQuickStop = 500'000'000;  // ns, of the drives at the end of a run
+constexpr double kHalfACycle = -1;                       // value of sync0_shift
 
 std::int64_t nanoseconds(double seconds) { return std::llround(seconds * 1e9); }
 
@@ -87,14 +88,16 @@ struct EtherCatLink::Device {
   int restarts = 0;                                 // that the encoder has taken into account
 };
 
-EtherCatLink::EtherCatLink(Settings& settings, std::size_t joints)
+EtherCatLink::EtherCatLink(Settings& settings, const std::vector<trajectory::Axis>& joints)
     : interface_(settings.text("interface")),
       clocks_(settings.boolean("clocks")),
       slaves_(read_slaves(settings, kEtherCatPlace)),
       devices_(slaves_.size()),
-      n_(joints),
-      q_scale_(joints, 1.0),
-      q_offset_(joints),
+      joint_of_(joints_of(slaves_, joints.size(), kEtherCatPlace)),
+      n_(joints.size()),
+      drives_(slaves_, joint_of_, joints, kEtherCatPlace),
+      q_scale_(n_, 1.0),
+      q_offset_(n_),
       state_(slaves_.size()),
       al_code_(slaves_.size()) {
   for (std::size_t i = 0; i < slaves_.size(); ++i) {
@@ -102,7 +105,7 @@ EtherCatLink::EtherCatLink(Settings& settings, std::size_t joints)
     encoders_.push_back(i);
     devices_[i].encoder.emplace(settings.integer("encoder_bits") == 32);
   }
-  check_encoders(slaves_, n_, kEtherCatPlace);
+  read_start_up_file(settings, slaves_, kEtherCatPlace);
   if (interface_ == "emulated") field_.emplace(slaves_, n_);
 }
 
@@ -110,10 +113,29 @@ EtherCatLink::~EtherCatLink() { end(); }
 
 void EtherCatLink::end() noexcept {
   if (!master_ || std::exchange(ended_, true)) return;
+  stop_drives();
   stopped_ = master_->stop(*wire_);
   if (!field_) return;
   field_->apply(wire_->now());
   field_->exchange();
+}
+
+/// A quick stop before the voltage goes, with which the axes would coast.
+void EtherCatLink::stop_drives() noexcept {
+  const std::int64_t end = wire_->now() + kLongestQuickStop;
+  while (drives_.stop(*master_) && wire_->now() < end) {
+    const std::int64_t due = wire_->now() + nanoseconds(cycle_);
+    master_->cycle(*wire_);
+    if (master_->fresh()) drives_.read(*master_);
+    if (field_) {
+      static_cast<ethercat::EmulatedWire&>(*wire_).advance_to(due);
+      field_->apply(due);
+      continue;
+    }
+    master_->collect(*wire_, due);
+    std::this_thread::sleep_until(std::chrono::steady_clock::time_point(std::chrono::nanoseconds(due)));
+  }
+  if (field_) field_->exchange();
 }
 
 TickSource* EtherCatLink::tick_source() {
@@ -147,15 +169,15 @@ void EtherCatLink::declare(Variables& v, JointVariables& joints) {
   v.parameter("wait", wait_, "s", "time for which a silent bus is waited for at the start").range(0, 3600);
   v.parameter("sii_folder", sii_folder_,
               "folder to which the SII images of all slaves are written at the start, for devices that are described by them");
-  v.parameter("sync0", sync0_, "whether the EL5101 work with SYNC0 of the distributed clocks");
+  v.parameter("sync0", sync0_, "whether the EL5101 and the drives work with SYNC0 of the distributed clocks");
   v.parameter(
        "sync0_shift", sync0_shift_, "s",
        "of SYNC0 against the multiples of the cycle, at which ticks begin that follow the bus; -1: half of the cycle, so that "
        "the terminals act when the frames of the cycle have passed")
       .range(-1, 1);
   v.parameter("dq_cutoff", dq_cutoff_, "Hz", "cut-off frequency of the low-pass of dq; 0: none").range(0, 1e6);
-  joints.parameter("q_scale", q_scale_, "rad", "joint position per count of the encoder");
-  joints.parameter("q_offset", q_offset_, "rad", "joint position at the start of the run");
+  joints.parameter("q_scale", q_scale_, "rad", "joint position per count of the encoder or drive");
+  joints.parameter("q_offset", q_offset_, "rad", "joint position at the start of the run; of a drive: where its position is 0");
   if (field_) field_->declare(v, joints);
   for (const std::size_t i : encoders_) {
     v.output(
@@ -166,6 +188,7 @@ void EtherCatLink::declare(Variables& v, JointVariables& joints) {
   v.output("clock_steps", clock_steps_,
            "times at which the reference clock went on elsewhere without a restart (the host was suspended), and was followed");
   acknowledgement_.declare(v, "outputs are off", "the bus is operational");
+  drives_.declare(v, joints);
 }
 
 void EtherCatLink::declare_device(Variables& v, std::size_t i) {
@@ -247,7 +270,10 @@ void EtherCatLink::initialise(Time start, Measured& measured) {
   options.host_time = wire_->now();
   ethercat::Exchange exchange(*wire_);
   const double shift = sync0_shift_ == kHalfACycle ? cycle_ / 2 : sync0_shift_;
-  ethercat::BusSetup bus = ethercat::set_up_bus(exchange, expected_slaves(slaves_, sync0_, shift), options);
+  drives_.initialise(cycle_, q_scale_, q_offset_, acknowledgement_);
+  std::vector<ethercat::ExpectedSlave> expected = expected_slaves(slaves_, sync0_, shift);
+  drives_.add_start_up(expected);
+  ethercat::BusSetup bus = ethercat::set_up_bus(exchange, expected, options);
   master_ = std::make_unique<ethercat::Master>(std::move(bus), options.cycle, nanoseconds(timeout_),
                                                ethercat::BusTime{0, options.system_time, options.host_time});
   zero_ = wire_->now() - start.ns;
@@ -259,7 +285,7 @@ void EtherCatLink::initialise(Time start, Measured& measured) {
   std::fill(measured.dq.begin(), measured.dq.end(), 0.0);
   std::fill(measured.ddq.begin(), measured.ddq.end(), 0.0);
   measured.fresh = false;
-  failed_ = was_operational_ = ended_ = stepped_ = false;
+  failed_ = was_operational_ = ended_ = stepped_ = bus_lost_ = false;
   stopped_ = true;
   write_statistics();
 }
@@ -274,7 +300,7 @@ void EtherCatLink::check_cycle(Duration h) {
                                   ", expected the same (parameter cycle, or the tick of the scenario)");
 }
 
-StepResult EtherCatLink::step(Time now, Duration h, const Command&, Measured& measured) {
+StepResult EtherCatLink::step(Time now, Duration h, const Command& command, Measured& measured) {
   check_cycle(h);
   if (field_) {
     field_->exchange();
@@ -283,8 +309,10 @@ StepResult EtherCatLink::step(Time now, Duration h, const Command&, Measured& me
     field_->apply(wire.now());
   }
   acknowledgement_.decide(operational_);
-  master_->hold_outputs(acknowledgement_.awaits());
+  bus_lost_ = bus_lost_ && acknowledgement_.awaits();
+  master_->hold_outputs(bus_lost_);
   write_devices();
+  drives_.write(*master_, command, h.seconds(), acknowledgement_);
   master_->cycle(*wire_);
   if (field_) {
     static_cast<ethercat::EmulatedWire&>(*wire_).advance_to(zero_ + (now + h).ns);
@@ -293,12 +321,18 @@ StepResult EtherCatLink::step(Time now, Duration h, const Command&, Measured& me
   }
   measured.fresh = master_->fresh();
   for (const std::size_t i : encoders_) devices_[i].encoder->advance(h.seconds());
+  drives_.wait(h.seconds(), patience());
   if (measured.fresh) read_devices();
+  if (measured.fresh) drives_.read(*master_);
   measure(measured);
+  drives_.measure(measured, dq_cutoff_, patience());
   const bool before = operational_;
   write_statistics();
   failed_ = failed_ || (before && !operational_);
-  if (before && !operational_) acknowledgement_.demand();
+  if (before && !operational_) {
+    bus_lost_ = true;
+    acknowledgement_.demand();
+  }
   was_operational_ = was_operational_ || operational_;
   return {};
 }
@@ -311,7 +345,7 @@ void EtherCatLink::write_devices() {
     if (s.kind == Kind::kDigitalOutputs) {
       for (std::size_t c = 0; c < d.channels.size(); ++c) write_bits(out, c, 1, d.channels[c] ? 1 : 0);
     } else if (s.kind == Kind::kEncoder) {
-      d.encoder->write(out, master_->operational() && !acknowledgement_.awaits());
+      d.encoder->write(out, master_->operational() && !bus_lost_);
     } else if (s.kind == Kind::kImage) {
       for (std::size_t c = 0; c < s.setup.outputs.size(); ++c) {
         const ethercat::Channel& channel = s.setup.outputs[c];
@@ -349,13 +383,13 @@ void EtherCatLink::read_devices() {
 
 /// q̇ is the low-pass of the mean speed since the last data. Without data it is held for `timeout`, and is 0 afterwards.
 void EtherCatLink::measure(Measured& measured) {
-  const double patience = std::max(timeout_, 3 * cycle_);
-  for (std::size_t j = 0; j < encoders_.size(); ++j) {
-    EtherCatEncoder& e = *devices_[encoders_[j]].encoder;
+  for (const std::size_t i : encoders_) {
+    EtherCatEncoder& e = *devices_[i].encoder;
+    const std::size_t j = joint_of_[i];
     measured.q[j] = q_scale_[j] * static_cast<double>(e.counts()) + q_offset_[j];
     measured.ddq[j] = 0;
     const std::optional<EtherCatEncoder::Speed> speed = e.take_speed();
-    if (e.unread() > patience || (speed && speed->duration > patience)) {
+    if (e.unread() > patience() || (speed && speed->duration > patience())) {
       measured.dq[j] = 0;
     } else if (speed) {
       const double share = dq_cutoff_ > 0 ? -std::expm1(-2 * std::numbers::pi * dq_cutoff_ * speed->duration) : 1;
@@ -409,6 +443,7 @@ void EtherCatLink::tell(std::vector<std::string>& sentences) const {
   if (any(&EtherCatEncoder::was_restarted)) sentences.emplace_back(kRestarted);
   if (any(&EtherCatEncoder::may_have_wrapped)) sentences.emplace_back(kWrapped);
   if (any(&EtherCatEncoder::was_implausible)) sentences.emplace_back(kImplausible);
+  drives_.tell(sentences);
   if (!stopped_) sentences.emplace_back(kNotStopped);
 }
 

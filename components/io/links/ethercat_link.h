@@ -1,4 +1,5 @@
 #pragma once
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <memory>
@@ -12,6 +13,7 @@
 #include "components/io/ethercat/master/master.h"
 #include "components/io/link/acknowledgement.h"
 #include "components/io/link/link.h"
+#include "components/io/links/ethercat_drives.h"
 #include "components/io/links/ethercat_encoder.h"
 #include "components/unit/settings.h"
 
@@ -20,20 +22,22 @@ namespace cotwin::io {
 /// Devices on an EtherCAT bus, of which this is the master (ethercat/master/master.h). Each named slave has ports:
 ///   EL1809   output <name>: 16 channels           EL2809   input <name>: 16 channels
 ///   EL5101   output <name>_count: counts since the start, without wrapping; latch and set of the counter; it is also joint i of
-///            the unit, i its number among the encoders: q = q_scale · count + q_offset, q̇ its slope since the last data, low-pass `dq_cutoff`
+///            the unit, i its number among the encoders and drives: q = q_scale · count + q_offset, q̇ its slope since the last data, low-pass `dq_cutoff`
+///   drives   (DRIVE402, setting `drives`) joint i likewise: q from its position, commanded as ethercat_drives.h says
 ///   others   a port per channel of the SII's PDOs, or one port <name> if all channels of a direction are bits
 /// initialise() brings the bus to SAFEOP and waits for it; the steps bring it to OP. A step sends the frames of a cycle and uses the
 /// answers to those of the last one, so inputs are one step old. While the bus is not operational, outputs are off and inputs held.
 /// end() switches the outputs off and brings the slaves to INIT.
 class EtherCatLink final : public Link {
  public:
-  EtherCatLink(Settings& settings, std::size_t joints);
+  EtherCatLink(Settings& settings, const std::vector<trajectory::Axis>& joints);
   ~EtherCatLink() override;
 
   void declare(Variables& v, JointVariables& joints) override;
   void initialise(Time start, Measured& measured) override;
   StepResult step(Time now, Duration h, const Command& command, Measured& measured) override;
   bool restorable() const override { return false; }
+  Needs needs() const override { return drives_.needs(); }
   TickSource* tick_source() override;
   void tell(std::vector<std::string>& sentences) const override;
   void end() noexcept override;
@@ -43,9 +47,11 @@ class EtherCatLink final : public Link {
   struct Device;
 
   void declare_device(Variables& v, std::size_t i);
+  void stop_drives() noexcept;
   void write_devices();
   void read_devices();
   void measure(Measured& measured);
+  double patience() const { return std::max(timeout_, 3 * cycle_); }  // s
   void check_cycle(Duration h);
   void write_statistics();
 
@@ -54,7 +60,9 @@ class EtherCatLink final : public Link {
   std::vector<SlaveChoice> slaves_;
   std::vector<Device> devices_;
   std::vector<std::size_t> encoders_;  // positions
+  std::vector<std::size_t> joint_of_;  // of each slave that has one
   std::size_t n_;
+  EtherCatDrives drives_;
   std::optional<EtherCatField> field_;
   std::unique_ptr<ethercat::Wire> wire_;
   std::unique_ptr<ethercat::Master> master_;
@@ -77,6 +85,7 @@ class EtherCatLink final : public Link {
   double clock_difference_ = 0;
   std::int32_t clock_steps_ = 0;
   Acknowledgement acknowledgement_;
+  bool bus_lost_ = false;  // it awaits the acknowledgement of a loss of the bus, not only of a stop of the drives
 };
 
 }  // namespace cotwin::io

@@ -1,0 +1,111 @@
+#pragma once
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "components/io/emulators/ethercat_slaves.h"
+#include "components/io/ethercat/cia402.h"
+#include "components/io/ethercat/master/master.h"
+#include "components/io/link/acknowledgement.h"
+#include "components/io/link/link.h"
+#include "components/io/links/synchronisation.h"
+#include "models/trajectory/axes.h"
+
+namespace cotwin::io {
+
+/// The drives with the profile CiA 402 on a bus (ethercat/cia402.h), each of which moves a joint, in the modes csp, csv and cst:
+///   position   target = command of the synchronisation: within its limits of speed and acceleration, with its soft start
+///   velocity   target = q̇ of that command + K_v (its position − q)
+///   torque     target = tau_command, within its limit, with the soft start
+/// Nothing moves by itself. A drive is enabled with mode other than monitor while the input `enable` is on; all drives are enabled before one moves;
+/// a target begins where the drive is and stays there until then. A fault, a drive that leaves Operation enabled by itself, a jump of a position, the input
+/// quick_stop and a loss of the bus stop all drives (quick stop; at a loss they stop by themselves) until `acknowledge` rises, which also resets faults, once.
+class EtherCatDrives {
+ public:
+  /// `joints`: of the unit. `joint_of[i]`: joint of slave i, if it is a drive. Throws Error for a drive whose process data lack an object.
+  EtherCatDrives(const std::vector<SlaveChoice>& slaves, const std::vector<std::size_t>& joint_of,
+                 const std::vector<trajectory::Axis>& joints, const std::string& place);
+
+  bool empty() const { return drives_.empty(); }
+  void declare(Variables& v, JointVariables& joints);
+  /// The start of a run. Throws Error for parameters that do not fit, and a mode for which an object is missing in the process data.
+  void initialise(double cycle, std::span<const double> q_scale, std::span<const double> q_offset,
+                  const Acknowledgement& acknowledgement);
+  /// Adds what the drives need in addition to the values of the user.
+  void add_start_up(std::vector<ethercat::ExpectedSlave>& expected) const;
+  Link::Needs needs() const;
+
+  /// Whether the drives follow the commands.
+  bool drives() const { return mode_ != Mode::kMonitor; }
+  /// Writes the outputs of the next cycle; demands an acknowledgement if a drive has stopped. `h`: s since the last one.
+  void write(ethercat::Master& master, const Command& command, double h, Acknowledgement& acknowledgement);
+  /// Time passes, s, up to the next read(): nothing is known of the drives after `patience` without one.
+  void wait(double h, double patience);
+  /// Takes fresh inputs.
+  void read(const ethercat::Master& master);
+  void measure(Measured& measured, double dq_cutoff, double patience);
+  /// Instead of write(), at the end of a run: a quick stop. Whether a drive may still move.
+  bool stop(ethercat::Master& master);
+  void tell(std::vector<std::string>& sentences) const;
+
+ private:
+  enum class Mode : std::uint8_t { kMonitor, kPosition, kVelocity, kTorque };
+  /// Where a value is in the process data of a slave.
+  struct Place {
+    std::size_t bit = 0, bits = 0;  // bits = 0: nowhere
+  };
+  struct Drive {
+    std::size_t slave = 0, joint = 0;
+    std::string name;
+    Place control, mode, target_position, target_velocity, target_torque;
+    Place status, mode_display, position, velocity, torque, error;
+    cia402::Axis axis;
+    std::uint16_t status_word = 0, control_word = 0;
+    std::int32_t error_code = 0, mode_shown = 0;
+    bool known = false;       // `raw` is a position of the drive
+    std::int32_t raw = 0;     // its position, counts
+    std::int64_t counts = 0;  // the same without wrapping
+    std::int64_t held = 0;    // target while it does not follow, counts
+    double speed = 0;         // rad/s
+    double torque_units = 0;  // of the drive
+  };
+
+  static Place find(const std::vector<ethercat::Channel>& channels, std::uint16_t object);
+  const char* missing(const Drive& d) const;
+  cia402::Mode profile_mode() const;
+  cia402::Wish wish(bool awaits) const;
+  bool has_stopped();
+  bool takes_targets(const Drive& d) const;
+  bool all_enabled() const;
+  void choose_targets(const Command& command, double h, bool follows);
+  void write_targets(std::span<std::uint8_t> out, std::size_t k);
+  double dq_scale_of(std::size_t k) const;
+  void write_outputs();
+
+  std::string place_;
+  std::vector<Drive> drives_;
+  Synchronisation synchronisation_;
+  JumpDetector jumps_;
+  Mode mode_ = Mode::kMonitor;
+  std::span<const double> q_scale_, q_offset_;  // per joint of the unit
+  bool awaited_ = false, follows_ = false, jumped_ = false, fresh_ = false;
+  double since_acknowledged_ = 0, silent_ = 0;  // s
+  double elapsed_ = 0, last_elapsed_ = 0;       // s since the last inputs, and between the last two
+  std::int32_t stops_ = 0;
+  const char* stopped_by_ = "";
+  const Drive* stopped_drive_ = nullptr;
+  // Per drive.
+  std::vector<double> q_, q_wanted_, q_target_, tau_target_, no_gain_;
+  // Inputs and parameters.
+  std::string mode_text_ = "monitor";
+  bool enable_ = true, quick_stop_ = false;
+  std::vector<double> dq_command_max_, q_command_min_, q_command_max_, tau_command_max_, dq_scale_, tau_scale_;
+  double ddq_command_max_ = kSafeAcceleration, K_v_ = 10;
+  // Outputs.
+  std::vector<std::int32_t> state_, error_, warning_;
+  bool enabled_ = false;
+};
+
+}  // namespace cotwin::io

@@ -1,0 +1,418 @@
+// Drives with the profile CiA 402 on a bus, from the commands of the twin to the axes of emulated drives: components/io/links/ethercat_drives.h.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <fstream>
+#include <string>
+#include <vector>
+
+#include "components/io/emulators/ethercat/servo_drive.h"
+#include "components/unit/unit_table.h"
+#include "tests/support/allocations.h"
+#include "tests/support/error_of.h"
+#include "tests/support/files.h"
+#include "tests/support/places.h"
+
+namespace cotwin::io {
+namespace {
+
+namespace fs = std::filesystem;
+using cotwin::testing::error_of;
+using ::testing::Contains;
+using ::testing::HasSubstr;
+
+constexpr double kScale = 1e-5;  // rad per count
+constexpr int kOff = 1, kEnabled = 4, kFault = 7;
+
+/// Two axes that stand at 0.5 and −0.2 rad when the run begins.
+struct Axes {
+  explicit Axes(const std::string& mode, const std::string& settings = "")
+      : instance(make_unit("unit:io?joints=2&link=ethercat&slaves=EK1100,q1:DRIVE402,q2:DRIVE402,valves:EL2809" + settings, {},
+                           {fs::path(places::source()) / "models"}, unit_types())) {
+    set("drive_mode", mode);
+    set("q_scale", "1e-5 1e-5");
+    set("q1_start", "50000");
+    set("q2_start", "-20000");
+    set("q_command", "0.5 -0.2");
+  }
+  void set(const std::string& name, const std::string& value) { assign_text(instance.variables.at(name), value); }
+  void command(double q1, double q2) {
+    instance.variables.at("q_command").reals()[0] = q1;
+    instance.variables.at("q_command").reals()[1] = q2;
+  }
+  double real(const std::string& name, std::size_t i = 0) { return instance.variables.at(name).reals()[i]; }
+  int integer(const std::string& name, std::size_t i = 0) { return instance.variables.at(name).integers()[i]; }
+  bool boolean(const std::string& name, std::size_t i = 0) { return instance.variables.at(name).booleans()[i]; }
+  /// Position of an axis behind its drive, rad.
+  double axis(int i) { return kScale * real(i == 0 ? "q1_field" : "q2_field"); }
+  void start() { instance.unit->initialise(now); }
+  void steps(int n) {
+    for (int i = 0; i < n; ++i, now = now + kTick) {
+      const double before[] = {axis(0), axis(1)};
+      ASSERT_EQ(instance.unit->step(now, kTick), StepResult::kDone);
+      for (int k = 0; k < 2; ++k) {
+        const double speed = (axis(k) - before[k]) / kTick.seconds();
+        fastest = std::max(fastest, std::abs(speed));
+        hardest = std::max(hardest, std::abs(speed - speeds[k]) / kTick.seconds());
+        speeds[k] = speed;
+      }
+    }
+  }
+  bool enables() {
+    for (int n = 0; n < 300 && !boolean("drives_enabled"); ++n) steps(1);
+    return boolean("drives_enabled");
+  }
+  void acknowledge() {
+    set("acknowledge", "false");
+    steps(1);
+    set("acknowledge", "true");
+    steps(1);
+    set("acknowledge", "false");
+  }
+  void forget() { fastest = hardest = 0; }
+
+  static constexpr Duration kTick{1'000'000};
+  Instance instance;
+  Time now{0};
+  double fastest = 0, hardest = 0;  // of the axes, rad/s, rad/s²
+  double speeds[2] = {};
+};
+
+TEST(EtherCatDrives, StayOffAndAreMeasuredInModeMonitor) {
+  Axes a("monitor");
+  a.start();
+  a.command(2, 2);
+  a.steps(300);
+  EXPECT_TRUE(a.boolean("operational"));
+  EXPECT_FALSE(a.boolean("drives_enabled"));
+  EXPECT_EQ(a.integer("drive_state", 0), kOff);
+  EXPECT_DOUBLE_EQ(a.real("q", 0), 0.5);
+  EXPECT_DOUBLE_EQ(a.real("q", 1), -0.2);
+  EXPECT_EQ(a.fastest, 0);
+}
+
+// (csp) The drives' loops follow a ramp; their lag is that of the bus and of the interpolation, 3 ms · 0.2 rad/s.
+TEST(EtherCatDrives, FollowTheCommandOfTheTwin) {
+  Axes a("position");
+  a.set("dq_command_max", "1 1");
+  a.start();
+  ASSERT_TRUE(a.enables());
+  EXPECT_EQ(a.integer("drive_state", 0), kEnabled);
+  EXPECT_EQ(a.fastest, 0) << "nothing moves while the command is where the axes are";
+  a.steps(600);  // the soft start
+  for (int n = 0; n < 1500; ++n) {
+    a.command(0.5 + 2e-4 * n, -0.2 - 1e-4 * n);
+    a.steps(1);
+  }
+  EXPECT_NEAR(a.axis(0), 0.5 + 2e-4 * 1499, 0.2 * 4e-3);
+  EXPECT_NEAR(a.real("q", 0), a.axis(0), 0.2 * 2e-3);
+  EXPECT_NEAR(a.real("dq", 0), 0.2, 2e-3);
+  EXPECT_NEAR(a.real("dq", 1), -0.1, 2e-3);
+  a.steps(200);
+  EXPECT_NEAR(a.axis(0), 0.5 + 2e-4 * 1499, 2e-5);
+  EXPECT_NEAR(a.axis(1), -0.2 - 1e-4 * 1499, 2e-5);
+}
+
+TEST(EtherCatDrives, BeginWhereTheyAreAndApproachTheTwinWithinTheLimits) {
+  Axes a("position");
+  a.start();
+  a.command(1.0, 0.6);  // elsewhere
+  ASSERT_TRUE(a.enables());
+  a.steps(20);
+  EXPECT_NEAR(a.axis(0), 0.5, 1e-3);
+  EXPECT_NEAR(a.axis(1), -0.2, 1e-3);
+  a.steps(5000);
+  EXPECT_NEAR(a.axis(0), 1.0, 2e-5);
+  EXPECT_NEAR(a.axis(1), 0.6, 2e-5);
+  EXPECT_LT(a.fastest, 0.5 * 1.02);  // kSafeSpeed, and the overshoot of the drive's loop
+  EXPECT_LT(a.hardest, 2 * 20.0);    // kSafeAcceleration, within rounded targets
+}
+
+TEST(EtherCatDrives, AllStopAtAFaultOfOneUntilItIsAcknowledged) {
+  Axes a("position");
+  a.start();
+  ASSERT_TRUE(a.enables());
+  a.command(5, 5);
+  a.steps(1000);
+  ASSERT_GT(a.speeds[0], 0.4);
+  a.set("q2_fault", "true");
+  a.steps(100);
+  EXPECT_EQ(a.integer("drive_state", 1), kFault);
+  EXPECT_EQ(a.integer("drive_error", 1), ethercat::ServoDrive::kExternalFault);
+  EXPECT_EQ(a.integer("drive_state", 0), kOff) << "a quick stop, and off";
+  EXPECT_TRUE(a.boolean("awaits_acknowledgement"));
+  EXPECT_TRUE(a.boolean("operational"));
+  const double rest[] = {a.axis(0), a.axis(1)};
+  a.set("q2_fault", "false");  // the cause goes
+  a.steps(1000);
+  EXPECT_EQ(a.integer("drive_state", 1), kFault);
+  EXPECT_EQ(a.axis(0), rest[0]);
+  EXPECT_EQ(a.axis(1), rest[1]);
+  a.acknowledge();
+  a.forget();
+  ASSERT_TRUE(a.enables());
+  a.steps(10);
+  EXPECT_NEAR(a.axis(0), rest[0], 1e-4) << "from where it is";
+  a.steps(500);
+  EXPECT_GT(a.axis(0), rest[0] + 0.05);
+  EXPECT_LT(a.hardest, 2 * 20.0);
+  std::vector<std::string> sentences;
+  a.instance.unit->tell(sentences);
+  EXPECT_THAT(sentences, Contains("the drives were stopped 1 times, last because drive q2 left Operation enabled by itself"));
+}
+
+TEST(EtherCatDrives, DoNotComeBackWhenTheCauseOfAnAcknowledgedFaultGoesLater) {
+  Axes a("position");
+  a.start();
+  ASSERT_TRUE(a.enables());
+  a.command(5, 5);
+  a.set("q1_fault", "true");
+  a.steps(100);
+  a.acknowledge();  // too early
+  a.steps(700);
+  EXPECT_EQ(a.integer("drive_state", 0), kFault);
+  EXPECT_TRUE(a.boolean("awaits_acknowledgement"));
+  a.set("q1_fault", "false");
+  a.forget();
+  a.steps(1000);
+  EXPECT_EQ(a.integer("drive_state", 0), kFault);
+  EXPECT_EQ(a.fastest, 0);
+  a.acknowledge();
+  EXPECT_TRUE(a.enables());
+}
+
+TEST(EtherCatDrives, AFaultAtTheStartIsNotReset) {
+  Axes a("position");
+  a.set("q1_fault", "true");
+  a.start();
+  a.steps(100);
+  a.set("q1_fault", "false");
+  a.steps(500);
+  EXPECT_EQ(a.integer("drive_state", 0), kFault);
+  EXPECT_EQ(a.integer("drive_state", 1), kOff);
+  a.acknowledge();
+  EXPECT_TRUE(a.enables());
+}
+
+TEST(EtherCatDrives, StopQuicklyAndAreNotEnabledAgainByTheEndOfTheStop) {
+  Axes a("position");
+  a.start();
+  ASSERT_TRUE(a.enables());
+  a.command(5, 5);
+  a.steps(1000);
+  const double from = a.axis(0);
+  a.set("quick_stop", "true");
+  a.steps(50);
+  // With 1e7 counts/s² from 0.5 rad/s to rest: 0.5²/(2 · 100) = 1.3 mrad, and some cycles of delay.
+  EXPECT_NEAR(a.axis(0), from + 0.00125, 0.5 * 4e-3);
+  EXPECT_EQ(a.speeds[0], 0);
+  a.acknowledge();
+  a.steps(200);
+  EXPECT_FALSE(a.boolean("drives_enabled")) << "it is still pressed";
+  a.set("quick_stop", "false");
+  a.steps(500);
+  EXPECT_FALSE(a.boolean("drives_enabled"));
+  a.acknowledge();
+  EXPECT_TRUE(a.enables());
+}
+
+TEST(EtherCatDrives, AreShutDownWithoutEnableAndBeginWhereTheyAreAfterIt) {
+  Axes a("position");
+  a.start();
+  ASSERT_TRUE(a.enables());
+  a.command(0.55, -0.2);
+  a.steps(1000);
+  a.set("enable", "false");
+  a.steps(50);
+  EXPECT_EQ(a.integer("drive_state", 0), kOff);
+  a.command(0.2, -0.2);
+  a.forget();
+  a.set("enable", "true");
+  ASSERT_TRUE(a.enables());
+  EXPECT_EQ(a.fastest, 0);
+  a.steps(3000);
+  EXPECT_NEAR(a.axis(0), 0.2, 2e-5);
+  EXPECT_LT(a.hardest, 2 * 20.0);
+}
+
+TEST(EtherCatDrives, AfterALossOfTheBusNothingMovesUntilItIsAcknowledged) {
+  for (const std::string loss : {"cut", "off"}) {
+    Axes a("position");
+    a.start();
+    ASSERT_TRUE(a.enables());
+    a.command(5, 5);
+    a.steps(1000);
+    a.set(loss, "2");  // drive q2, and with a cut cable the valves
+    a.steps(300);
+    EXPECT_FALSE(a.boolean("operational")) << loss;
+    EXPECT_FALSE(a.boolean("drives_enabled"));
+    EXPECT_EQ(a.speeds[0], 0) << "also the drive that is still there";
+    const double rest = a.axis(0);
+    a.set(loss, "-1");
+    a.steps(1000);
+    EXPECT_TRUE(a.boolean("operational"));
+    EXPECT_EQ(a.axis(0), rest) << loss;
+    a.acknowledge();
+    a.forget();
+    ASSERT_TRUE(a.enables()) << loss;
+    a.steps(400);
+    EXPECT_GT(a.axis(0), rest);
+    EXPECT_LT(a.hardest, 2 * 20.0);
+  }
+}
+
+TEST(EtherCatDrives, AFollowingErrorIsAFaultOfTheDrive) {
+  const cotwin::testing::TemporaryFolder folder("drives");
+  const std::string file = (folder.path() / "drives.csv").string();
+  std::ofstream(file) << "slave,when,index,subindex,type,value\n"
+                         "q1,PS,0x6065,0,u32,20\n";  // counts
+  Axes a("position", "&start_up=" + file);
+  a.start();
+  ASSERT_TRUE(a.enables());
+  a.command(5, 5);
+  a.steps(1000);
+  EXPECT_EQ(a.integer("drive_state", 0), kFault);
+  EXPECT_EQ(a.integer("drive_error", 0), ethercat::ServoDrive::kFollowingError);
+  EXPECT_EQ(a.integer("drive_state", 1), kOff);
+}
+
+TEST(EtherCatDrives, LimitsOfTheCommandAndOfTheDriveHold) {
+  const cotwin::testing::TemporaryFolder folder("drives");
+  const std::string file = (folder.path() / "drives.csv").string();
+  std::ofstream(file) << "slave,when,index,subindex,type,value\n"
+                         "q2,PS,0x607d,1,i32,-30000\n"
+                         "q2,PS,0x607d,2,i32,-10000\n";
+  Axes a("position", "&start_up=" + file);
+  a.set("q_command_max", "0.6 10");
+  a.start();
+  ASSERT_TRUE(a.enables());
+  a.command(5, 5);
+  a.steps(4000);
+  EXPECT_NEAR(a.axis(0), 0.6, 2e-5);
+  EXPECT_NEAR(a.axis(1), -0.1, 2e-5);
+  EXPECT_EQ(a.integer("drive_limits", 0), 0);
+  EXPECT_EQ(a.integer("drive_limits", 1), 1);
+}
+
+TEST(EtherCatDrives, FollowTheCommandWithVelocities) {
+  Axes a("velocity");
+  a.start();
+  a.command(0.9, -0.2);
+  ASSERT_TRUE(a.enables());
+  a.steps(4000);
+  EXPECT_NEAR(a.axis(0), 0.9, 1e-4);
+  EXPECT_NEAR(a.axis(1), -0.2, 1e-4);
+  EXPECT_LT(a.fastest, 0.5 * 1.05);
+  for (int n = 0; n < 1000; ++n) {
+    a.command(0.9 - 2e-4 * n, -0.2);
+    a.steps(1);
+  }
+  EXPECT_NEAR(a.real("dq", 0), -0.2, 5e-3);
+  EXPECT_NEAR(a.axis(0), 0.9 - 2e-4 * 999, 0.2 * 10e-3);
+}
+
+// cst: 1e4 counts/s² per unit of torque and a friction of 5 1/s; with 0.01 N.m per unit, 2 N.m at rest of the speed.
+TEST(EtherCatDrives, ExertTorques) {
+  Axes a("torque");
+  a.set("tau_scale", "0.01 0.01");
+  a.set("tau_command_max", "1 10");
+  a.set("tau_command", "5 0");  // limited to 1 N.m, 100 units
+  a.start();
+  ASSERT_TRUE(a.enables());
+  a.steps(2500);
+  // At full torque: x' = 100 · 1e4/5 counts/s = 2 rad/s.
+  EXPECT_NEAR(a.speeds[0], 2.0, 0.01);
+  EXPECT_NEAR(a.real("tau", 0), 1.0, 0.02);
+  EXPECT_TRUE(a.boolean("has_tau"));
+  EXPECT_EQ(a.speeds[1], 0);
+}
+
+// Without the quick stop the brake of the emulated axis would stop it in 1/50 s: 0.5 rad/s / 50 = 10 mrad further.
+TEST(EtherCatDrives, StopQuicklyAtTheEndOfARun) {
+  Axes a("position");
+  a.start();
+  ASSERT_TRUE(a.enables());
+  a.command(5, 5);
+  a.steps(1000);
+  const double from = a.axis(0);
+  a.instance.unit->end();
+  EXPECT_NEAR(a.axis(0), from + 0.00125, 0.5 * 3e-3);
+}
+
+TEST(EtherCatDrives, RefuseWhatCannotBeSafe) {
+  const auto refusal = [](auto change) {
+    Axes a("position");
+    change(a);
+    return error_of([&] { a.start(); });
+  };
+  EXPECT_THAT(refusal([](Axes& a) { a.set("restart", "automatic"); }),
+              HasSubstr("restart: automatic with drive_mode=position, expected acknowledged"));
+  EXPECT_THAT(refusal([](Axes& a) { a.set("drive_mode", "fast"); }), HasSubstr("drive_mode"));
+  EXPECT_THAT(refusal([](Axes& a) { a.set("q_scale", "1e-5 0"); }), HasSubstr("slave q2: q_scale of its joint is 0"));
+  EXPECT_THAT(refusal([](Axes& a) { a.set("drive_mode", "torque"); }), HasSubstr("slave q1: tau_scale is 0"));
+  EXPECT_THAT(refusal([](Axes& a) {
+                a.set("drive_mode", "velocity");
+                a.set("K_v", "300");
+              }),
+              HasSubstr("expected at most 200"));
+  const auto settings = [](const std::string& query) { return error_of([&] { Axes a("monitor", query); }); };
+  EXPECT_THAT(settings("&drives=valves"),
+              HasSubstr("drives: 'valves', expected the name of a slave that is described by its SII image"));
+  EXPECT_THAT(error_of([] { make_unit("unit:io?link=ethercat&slaves=a:DRIVE402,b:DRIVE402", {}, {}, unit_types()); }),
+              HasSubstr("0 encoders and 2 drives, but 1 joints"));
+}
+
+TEST(EtherCatDrives, ADriveByItsSiiNeedsTheObjectsOfItsMode) {
+  const cotwin::testing::TemporaryFolder folder("drives");
+  const auto image = [&](ethercat::Sii sii) {
+    const std::vector<std::uint8_t> bytes = ethercat::write_sii(sii);
+    const fs::path file = folder.path() / "drive.bin";
+    std::ofstream(file, std::ios::binary)
+        .write(reinterpret_cast<const char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
+    return "link=ethercat&slaves=q1:" + file.string() + "&drives=q1";
+  };
+  const auto unit = [](const std::string& query) { return make_unit("unit:io?" + query, {}, {}, unit_types()); };
+  ethercat::Sii sii = ethercat::servo_drive_sii();
+  sii.rx_pdos[0].entries[3].index = 0x2100;  // no target position
+  Instance io = unit(image(sii));
+  assign_text(io.variables.at("drive_mode"), "position");
+  EXPECT_THAT(
+      error_of([&] { io.unit->initialise(Time{}); }),
+      HasSubstr("slave q1: its outputs have no object 0x607A (target position, 32 bits), which drive_mode=position needs"));
+  sii.tx_pdos[0].entries[0].index = 0x2101;  // no status word
+  EXPECT_THAT(error_of([&] { unit(image(sii)); }), HasSubstr("have no object 0x6041 (status word, 16 bits) in its inputs"));
+}
+
+TEST(EtherCatDrives, StepWithoutAllocation) {
+  Axes a("position");
+  a.start();
+  std::uint64_t allocated = 0;
+  const auto steps = [&] {
+    const std::uint64_t before = cotwin::testing::allocations();
+    a.steps(200);
+    allocated += cotwin::testing::allocations() - before;
+  };
+  steps();
+  a.command(1, 1);
+  steps();
+  a.set("q1_fault", "true");
+  steps();
+  EXPECT_EQ(a.integer("drive_state", 0), kFault);
+  EXPECT_EQ(allocated, 0u);
+}
+
+TEST(EtherCatDrives, TheSameRunGivesTheSameBits) {
+  const auto run = [] {
+    Axes a("position");
+    a.start();
+    a.command(0.8, 0.1);
+    a.steps(800);
+    return std::vector<double>{a.axis(0), a.axis(1), a.real("q", 0), a.real("dq", 1)};
+  };
+  EXPECT_EQ(run(), run());
+}
+
+}  // namespace
+}  // namespace cotwin::io
