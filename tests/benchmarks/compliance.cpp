@@ -24,7 +24,7 @@ constexpr int kStates = 64;  // wrenches in turn
 class Subject {
  public:
   explicit Subject(const std::string& query)
-      : instance_(make_unit("unit:compliance?space=cartesian" + query, {{"robot", "lwr4"}},
+      : instance_(make_unit("unit:compliance?" + query, {{"robot", "lwr4"}},
                             {std::filesystem::path(places::source()) / "models"}, unit_types())) {}
   Eigen::Map<VectorXd> operator[](const char* name) {
     const std::span<double> reals = instance_.variables.at(name).reals();
@@ -69,7 +69,7 @@ int main() try {
   const Pose X = robot::forward_kinematics(mechanism, data, q, robot::on_body(model.end_effector()));
   const benchmark::ComplianceDesign d;
   const auto peer = benchmark::make_kdl_compliance(model, d);
-  Subject ours("");
+  Subject ours("space=cartesian");
   design(ours, d, q, X);
   peer->start(q);
   const auto wrench = [](std::size_t k) {
@@ -106,9 +106,29 @@ int main() try {
       benchmark::print({std::string(name) + ", absolute", "us", 1e6 * figures.ours, "KDL", 1e6 * figures.peer, most, false});
   };
   row("Cartesian compliance with self-motion, 7 elastic joints, one step", ours, 0.5, 4);
-  Subject impedance("&render=impedance");
+  Subject impedance("space=cartesian&render=impedance");
   design(impedance, d, q, X);
   row("the same with render=impedance", impedance, 0, 0);
+
+  // The unit as example 02 has it, with its friction and elastic joints, that follows a swinging desired motion under external torques.
+  Subject joints("space=joints");
+  joints["q"] = joints["theta"] = joints["q_d"] = q;
+  joints.unit().initialise({});
+  std::size_t k_joints = 0;
+  const auto step_joints = [&] {
+    const double t = 1e-3 * static_cast<double>(k_joints++ % 10'000);
+    joints["q_d"] = q + VectorXd::Constant(7, 0.1 * std::sin(t));
+    joints["dq_d"].setConstant(0.1 * std::cos(t));
+    joints["ddq_d"].setConstant(-0.1 * std::sin(t));
+    joints["tau_e"].setConstant(2 * std::sin(7 * t));
+    joints["q"] = joints["theta"] = joints["q_c"];
+    joints["dq"] = joints["dtheta"] = joints["dq_c"];
+    if (joints.unit().step({}, Duration{1'000'000}) != StepResult::kDone) throw Error("compliance", "the step was not done");
+  };
+  // Without a peer: KDL has no joint compliance, and the law on its functions above is another one.
+  const auto figures = benchmark::measure(
+      step_joints, [] {}, 31, 2e-3, benchmark::thread_seconds);
+  benchmark::print({"compliance of 7 elastic joints with friction, one step", "us", 1e6 * figures.ours, "", 0, 1.2, false});
   return 0;
 } catch (const std::exception& error) {
   std::fprintf(stderr, "compliance: %s\n", error.what());
