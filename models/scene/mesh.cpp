@@ -12,6 +12,7 @@
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/file.h"
 #include "models/foundation/support/text.h"
+#include "models/scene/collada.h"
 #include "models/scene/hull.h"
 
 namespace cotwin::scene {
@@ -167,15 +168,20 @@ Mesh load_mesh(const std::filesystem::path& file, const Vector3d& scale) {
   std::string extension = file.extension().string();
   std::transform(extension.begin(), extension.end(), extension.begin(),
                  [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  if (extension != ".stl" && extension != ".obj") throw Error(file.string(), "unknown mesh format, expected .stl or .obj");
+  if (extension != ".stl" && extension != ".obj" && extension != ".dae")
+    throw Error(file.string(), "unknown mesh format, expected .stl, .obj or .dae");
   const std::string bytes = text::read_file(file, "a mesh");
-  return parse_mesh(bytes, extension == ".obj" ? MeshFormat::kObj : MeshFormat::kStl, file.string(), scale);
+  const MeshFormat format = extension == ".obj"   ? MeshFormat::kObj
+                            : extension == ".dae" ? MeshFormat::kCollada
+                                                  : MeshFormat::kStl;
+  return parse_mesh(bytes, format, file.string(), scale);
 }
 
 Mesh parse_mesh(std::string_view bytes, MeshFormat format, const std::string& place, const Vector3d& scale) {
-  Mesh mesh = format == MeshFormat::kObj ? obj(bytes, place)
-              : is_binary_stl(bytes)     ? of_corners(binary_stl(bytes))
-                                         : of_corners(text_stl(bytes, place));
+  Mesh mesh = format == MeshFormat::kCollada ? parse_collada(bytes, place)
+              : format == MeshFormat::kObj   ? obj(bytes, place)
+              : is_binary_stl(bytes)         ? of_corners(binary_stl(bytes))
+                                             : of_corners(text_stl(bytes, place));
   for (Vector3d& p : mesh.vertices) {
     p = p.cwiseProduct(scale);
     if (!p.allFinite()) throw Error(place, "a vertex is not finite");

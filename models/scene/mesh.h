@@ -20,9 +20,9 @@ struct Mesh {
   std::vector<std::array<std::uint32_t, 3>> triangles;  // counter-clockwise seen from outside; empty: points only
 };
 
-enum class MeshFormat { kStl, kObj };
+enum class MeshFormat { kStl, kObj, kCollada };
 
-/// Reads a mesh file: STL (binary or text) or OBJ (Wavefront; polygons become fans of triangles). Triangles without area are
+/// Reads a mesh file: STL (binary or text), OBJ (Wavefront; polygons become fans of triangles) or COLLADA (collada.h). Triangles without area are
 /// dropped. Throws Error `file: …` (OBJ and text STL: `file:line: …`).
 Mesh load_mesh(const std::filesystem::path& file, const Eigen::Vector3d& scale = Eigen::Vector3d::Ones());
 /// As load_mesh() from the bytes of a file; `place` is its name in messages.

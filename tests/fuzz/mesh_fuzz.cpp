@@ -1,4 +1,4 @@
-// Any bytes are a mesh (STL or OBJ) whose hull has a volume, or an Error.
+// Any bytes are a mesh (STL, OBJ or COLLADA) whose hull has a volume, or an Error.
 #include <cstdint>
 #include <cstdlib>
 #include <string_view>
@@ -9,7 +9,7 @@
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace cotwin;
   const std::string_view bytes(reinterpret_cast<const char*>(data), size);
-  for (const scene::MeshFormat format : {scene::MeshFormat::kStl, scene::MeshFormat::kObj}) {
+  for (const scene::MeshFormat format : {scene::MeshFormat::kStl, scene::MeshFormat::kObj, scene::MeshFormat::kCollada}) {
     try {
       const std::vector<Eigen::Vector3d> hull = scene::parse_hull(bytes, format, "mesh");
       if (hull.size() < 4) std::abort();

@@ -10,7 +10,7 @@ namespace cotwin::scene {
 
 /// Reads the <collision> elements of a URDF's links as shapes of the bodies that load_urdf() makes of the links: first the
 /// base's, then each body's, in its frame. Supports boxes, spheres, cylinders, capsules (in newer URDFs), and meshes (.stl,
-/// .obj) as their hulls. A mesh package://p/x is searched as x and p/x in the URDF's folder and every folder above. Links that
+/// .obj, .dae) as their hulls. A mesh package://p/x is searched as x and p/x in the URDF's folder and every folder above. Links that
 /// `robot` does not have (a chain to a tip) are ignored. Shapes that cannot be read or have a
 /// length of 0 are ignored with a warning. Throws Error
 /// for invalid XML and invalid numbers.

@@ -622,7 +622,7 @@ TEST(Mesh, ReadsObjAndBothKindsOfStlAlike) {
     ASSERT_EQ(vertices.size(), 8u) << file;
     EXPECT_NEAR(convex_hull(vertices).volume(), 12, 1e-6);
   }
-  EXPECT_THAT(error_of([&] { load_hull(folder.write("x.dae", "")); }), HasSubstr("expected .stl or .obj"));
+  EXPECT_THAT(error_of([&] { load_hull(folder.write("x.ply", "")); }), HasSubstr("expected .stl, .obj or .dae"));
   EXPECT_THAT(error_of([&] { load_hull(folder.write("x.obj", "v 1 2\n")); }),
               HasSubstr("x.obj:1: 'v 1 2', expected three coordinates"));
   EXPECT_THAT(error_of([&] { load_hull(folder.write("y.obj", "v 1 2 z\n")); }), HasSubstr("'z', expected a coordinate"));
