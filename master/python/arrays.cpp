@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <functional>
 
-#include "models/foundation/support/error.h"
+#include "master/python/faults.h"
 
 namespace cotwin::python {
 
@@ -28,6 +28,13 @@ bool overlap(const py::array& a, const py::array& b) {
 
 }  // namespace
 
+void refuse_mask(py::handle array, const char* name) {
+  if (!py::hasattr(array, "mask")) return;
+  if (py::cast<bool>(py::module_::import("numpy").attr("any")(array.attr("mask"))))
+    throw BadValue(name,
+                   "has masked elements, expected an array without a mask; " + std::string(name) + ".filled(value) makes one");
+}
+
 std::string text_of(const Shape& shape) {
   std::string text = "(";
   for (std::size_t i = 0; i < shape.size(); ++i) text += (i > 0 ? ", " : "") + std::to_string(shape[i]);
@@ -39,25 +46,29 @@ Shape shape_of(const py::array& array) { return {array.shape(), array.shape() + 
 py::array real_array(py::handle value, const char* name) {
   if (py::isinstance<py::array>(value)) {
     auto array = py::reinterpret_borrow<py::array>(value);
+    refuse_mask(value, name);
+    if (const char kind = array.dtype().kind(); kind == 'i' || kind == 'u')  // exact up to 2^53, and of no use otherwise
+      return py::array_t<double, py::array::c_style | py::array::forcecast>::ensure(array);
     const std::string reason = unsuitable(array);
     if (reason.empty()) return array;
-    throw Error(name, reason + ", " + kExpected + "; numpy.ascontiguousarray(" + std::string(name) +
-                          ", dtype=float) makes a copy of that kind");
+    throw BadValue(name, reason + ", " + kExpected + "; numpy.ascontiguousarray(" + std::string(name) +
+                             ", dtype=float) makes a copy of that kind");
   }
   py::array array = py::array_t<double, py::array::c_style | py::array::forcecast>::ensure(value);
   if (array) return array;
-  throw Error(name, "is no array of numbers but " + std::string(py::str(py::type::handle_of(value).attr("__name__"))) + ", " +
-                        kExpected);
+  throw BadValue(name, "is no array of numbers but " + std::string(py::str(py::type::handle_of(value).attr("__name__"))) +
+                           ", " + kExpected);
 }
 
 py::array output_array(py::handle value, const char* name, const Shape& shape) {
   if (!py::isinstance<py::array>(value))
-    throw Error(name, "is " + std::string(py::str(py::type::handle_of(value).attr("__name__"))) + ", " + kExpected);
+    throw BadValue(name, "is " + std::string(py::str(py::type::handle_of(value).attr("__name__"))) + ", " + kExpected);
   auto array = py::reinterpret_borrow<py::array>(value);
   const std::string reason = unsuitable(array);
-  if (!reason.empty()) throw Error(name, reason + ", " + kExpected);
-  if (!array.writeable()) throw Error(name, "is read-only, expected a writable array");
-  if (shape_of(array) != shape) throw Error(name, "has the shape " + text_of(shape_of(array)) + ", expected " + text_of(shape));
+  if (!reason.empty()) throw BadValue(name, reason + ", " + kExpected);
+  if (!array.writeable()) throw BadValue(name, "is read-only, expected a writable array");
+  if (shape_of(array) != shape)
+    throw BadValue(name, "has the shape " + text_of(shape_of(array)) + ", expected " + text_of(shape));
   return array;
 }
 
@@ -80,13 +91,13 @@ States::States(std::initializer_list<std::pair<const char*, py::handle>> argumen
     const Shape shape = shape_of(array);
     const bool fits =
         by_joint ? shape.size() == 2 && shape[0] == joints : (shape.size() == 1 || shape.size() == 2) && shape.back() == joints;
-    if (!fits) throw Error(name, "has the shape " + text_of(shape) + ", expected " + expected);
+    if (!fits) throw BadValue(name, "has the shape " + text_of(shape) + ", expected " + expected);
     if (arrays_.empty()) {
       first = shape;
       single_ = shape.size() == 1;
       count_ = single_ ? 1 : static_cast<std::size_t>(shape[by_joint ? 1 : 0]);
     } else if (shape != first) {
-      throw Error(name, "has the shape " + text_of(shape) + ", expected that of " + names_.front() + ", " + text_of(first));
+      throw BadValue(name, "has the shape " + text_of(shape) + ", expected that of " + names_.front() + ", " + text_of(first));
     }
     arrays_.push_back(std::move(array));
     names_.emplace_back(name);
@@ -99,7 +110,7 @@ py::array States::result(py::handle out, const char* name, const Shape& per_stat
   if (out.is_none()) return new_array(shape);
   py::array array = output_array(out, name, shape);
   for (std::size_t i = 0; i < arrays_.size(); ++i) {
-    if (overlap(arrays_[i], array)) throw Error(name, "overlaps " + names_[i] + " in memory, expected an array of its own");
+    if (overlap(arrays_[i], array)) throw BadValue(name, "overlaps " + names_[i] + " in memory, expected an array of its own");
   }
   arrays_.push_back(array);
   names_.emplace_back(name);

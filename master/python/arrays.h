@@ -19,9 +19,11 @@ using Shape = std::vector<py::ssize_t>;
 std::string text_of(const Shape& shape);
 Shape shape_of(const py::array& array);
 
-/// The argument `name` as C-contiguous float64 array. An array of that kind is used as it is; numbers, lists and tuples are
-/// converted. Throws Error for other arrays, so that no copy is made unnoticed, and for what is no array of numbers.
+/// The argument `name` as C-contiguous float64 array. An array of that kind is used as it is; numbers, lists, tuples and arrays of integers are
+/// converted. Throws BadValue for other arrays, so that no copy is made unnoticed, for masked elements, and for what is no array of numbers.
 py::array real_array(py::handle value, const char* name);
+/// Throws BadValue for an array of numpy.ma with masked elements, whose values are not meant.
+void refuse_mask(py::handle array, const char* name);
 /// The array that a caller gave for results. Throws Error unless it is a writable C-contiguous float64 array of this shape.
 py::array output_array(py::handle value, const char* name, const Shape& shape);
 /// A new array.

@@ -9,6 +9,7 @@
 #include "master/python/arrays.h"
 #include "master/python/bindings.h"
 #include "master/python/calls.h"
+#include "master/python/faults.h"
 
 namespace cotwin::python {
 
@@ -17,8 +18,10 @@ namespace {
 using namespace py::literals;
 
 struct PyRobot {
-  explicit PyRobot(const std::filesystem::path& urdf) : robot(urdf.string()), n(robot.n()) {}
+  explicit PyRobot(const std::filesystem::path& urdf)
+      : source(std::filesystem::exists(urdf) ? std::filesystem::absolute(urdf) : urdf), robot(urdf.string()), n(robot.n()) {}
 
+  std::filesystem::path source;  // for pickle
   Robot robot;
   std::size_t n;
   std::mutex mutex;  // of the robot's scratch memory
@@ -122,7 +125,7 @@ py::array regressor(PyRobot& r, py::handle q, py::handle dq, py::handle ddq, py:
 py::tuple forward_kinematics(PyRobot& r, py::handle q, const std::string& frame, py::handle out) {
   py::object out_R = py::none(), out_p = py::none();
   if (!out.is_none()) {
-    if (!py::isinstance<py::tuple>(out) || py::len(out) != 2) throw Error("out", "is no pair, expected (R, p)");
+    if (!py::isinstance<py::tuple>(out) || py::len(out) != 2) throw BadValue("out", "is no pair, expected (R, p)");
     out_R = out[py::int_(0)];
     out_p = out[py::int_(1)];
   }
@@ -145,7 +148,7 @@ py::array jacobian(PyRobot& r, py::handle q, const std::string& frame, py::handl
 /// The elements of a vector of three.
 std::array<double, 3> direction(py::handle u) {
   const py::array array = real_array(u, "u");
-  if (shape_of(array) != Shape{3}) throw Error("u", "has the shape " + text_of(shape_of(array)) + ", expected (3,)");
+  if (shape_of(array) != Shape{3}) throw BadValue("u", "has the shape " + text_of(shape_of(array)) + ", expected (3,)");
   const std::span<const double> values = read(array);
   return {values[0], values[1], values[2]};
 }
@@ -153,7 +156,7 @@ std::array<double, 3> direction(py::handle u) {
 Axes axes_of(const std::string& word) {
   if (word == "base") return Axes::kBase;
   if (word == "frame") return Axes::kFrame;
-  throw Error("axes", "'" + word + "', expected base or frame");
+  throw BadValue("axes", "'" + word + "', expected base or frame");
 }
 
 /// motor_inertia=None as an empty vector.
@@ -193,7 +196,7 @@ void bind_robot(py::module_& m) {
   py::class_<PyRobot>(m, "Robot", R"(Kinematics and dynamics of a robot with rigid joints, M(q) ddq + C(q, dq) dq + g(q) = tau.
 
 n is the number of joints. Arguments are one state, shape (n,), or many, (states, n): C-contiguous float64 arrays are read
-without a copy, other arrays are an Error, and lists are converted. Units of measure: rad, rad/s, rad/s^2, N.m of revolute
+without a copy, lists and arrays of integers are converted, and other arrays are an Error. pickle keeps the path or name of the URDF. Units of measure: rad, rad/s, rad/s^2, N.m of revolute
 joints; m, m/s, m/s^2, N of prismatic ones. With out=, results are written to that array and nothing is allocated. A NaN in
 a state gives NaN in what depends on it. More than 64 states are computed without the GIL.
 
@@ -292,7 +295,14 @@ a state gives NaN in what depends on it. More than 64 states are computed withou
           "Accelerations of a frame for motor torques whose quotients with tau_max (n,) have the norm 1; as manipulability(), "
           "in\n"
           "m/s^2 and rad/s^2.")
-      .def("__repr__", [](const PyRobot& r) { return "<cotwin.Robot with " + std::to_string(r.n) + " joints>"; });
+      .def("__repr__",
+           [](const PyRobot& r) {
+             std::string joints;
+             for (const JointInfo& joint : r.robot.joints()) joints += (joints.empty() ? "" : ", ") + joint.name;
+             return "<cotwin.Robot '" + r.source.string() + "' with " + std::to_string(r.n) + " joints: " + joints + ">";
+           })
+      .def(py::pickle([](const PyRobot& r) { return py::make_tuple(r.source.string()); },
+                      [](const py::tuple& state) { return std::make_unique<PyRobot>(py::cast<std::string>(state[0])); }));
 }
 
 }  // namespace cotwin::python

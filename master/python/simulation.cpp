@@ -9,6 +9,7 @@
 #include "master/python/arrays.h"
 #include "master/python/bindings.h"
 #include "master/python/calls.h"
+#include "master/python/faults.h"
 
 namespace cotwin::python {
 
@@ -52,6 +53,18 @@ class PySimulation {
   auto look(Use use) -> std::invoke_result_t<Use, Simulation&> {
     const std::unique_lock turn = take_turn();
     return use(*simulation_);
+  }
+  /// The same for a variable: errors are UnknownName if there is no such variable, otherwise BadValue.
+  template <class Use>
+  auto look_at(const std::string& name, Use use) -> std::invoke_result_t<Use, Simulation&> {
+    try {
+      return look(use);
+    } catch (const Error& error) {
+      const std::string whole = name.substr(0, name.find('['));
+      for (const VariableInfo& v : look([](Simulation& one) { return one.variables(); }))
+        if (v.name == whole) throw BadValue(error.what());
+      throw UnknownName(error.what());
+    }
   }
   /// Calls advance(simulation) until it returns false, or until a signal's handler raises.
   template <class Advance>
@@ -115,27 +128,30 @@ std::unique_ptr<PySimulation> make(const std::optional<fs::path>& file, const st
 void set(PySimulation& s, const std::string& name, py::handle value) {
   if (py::isinstance<py::str>(value)) {
     const auto text = py::cast<std::string>(value);
-    s.look([&](Simulation& one) { one.set_text(name, text); });
+    s.look_at(name, [&](Simulation& one) { one.set_text(name, text); });
     return;
   }
+  refuse_mask(value, name.c_str());
+  if (py::isinstance<py::array>(value) && py::cast<py::array>(value).dtype().kind() == 'c')
+    throw BadValue(name, "has complex numbers, expected real ones");
   const py::array values =
       py::isinstance<py::array>(value) && !py::cast<py::array>(value).dtype().equal(py::dtype::of<double>())
           ? py::array(py::array_t<double, py::array::c_style | py::array::forcecast>::ensure(value))
           : real_array(value, name.c_str());
-  if (!values) throw Error(name, "expected numbers");
-  if (values.ndim() > 1) throw Error(name, "has the shape " + text_of(shape_of(values)) + ", expected one dimension");
-  s.look([&](Simulation& one) { one.set(name, read(values)); });
+  if (!values) throw BadValue(name, "expected numbers");
+  if (values.ndim() > 1) throw BadValue(name, "has the shape " + text_of(shape_of(values)) + ", expected one dimension");
+  s.look_at(name, [&](Simulation& one) { one.set(name, read(values)); });
 }
 
 py::object get(PySimulation& s, const std::string& name) {
-  const std::vector<double> values = s.look([&](Simulation& one) { return one.get(name); });
+  const std::vector<double> values = s.look_at(name, [&](Simulation& one) { return one.get(name); });
   return array_of(values, {static_cast<py::ssize_t>(values.size())});
 }
 
 /// A read-only array on the memory of a variable, which keeps the simulation alive.
 py::array view(const py::object& self, const std::string& name) {
   auto& s = py::cast<PySimulation&>(self);
-  const std::span<const double> values = s.look([&](Simulation& one) { return one.view(name); });
+  const std::span<const double> values = s.look_at(name, [&](Simulation& one) { return one.view(name); });
   py::array array(py::dtype::of<double>(), Shape{static_cast<py::ssize_t>(values.size())}, Shape{}, values.data(), self);
   array.attr("setflags")("write"_a = false);
   return array;
@@ -203,7 +219,9 @@ void bind_simulation(py::module_& m) {
            "Values of a real, integer or boolean variable, or of one element, as a new array (size,) of float64.")
       .def(
           "get_text",
-          [](PySimulation& s, const std::string& name) { return s.look([&](Simulation& one) { return one.get_text(name); }); },
+          [](PySimulation& s, const std::string& name) {
+            return s.look_at(name, [&](Simulation& one) { return one.get_text(name); });
+          },
           "name"_a, "The value of a string variable of size 1.")
       .def("view", &view, "name"_a,
            "A read-only array (size,) on the memory of a real variable: after each step it has the present values, without a\n"

@@ -82,6 +82,8 @@ class Load(Case):
             cotwin.Recording.load(self.write("\0\0\0\0\n\0\n"))
         with self.assertError("(1, 2)", "(rows, 3)"):
             cotwin.Recording(["time", "a", "b"], np.zeros((1, 2)))
+        with self.assertError("recording: values", "masked elements"):
+            cotwin.Recording(["time", "a"], np.ma.MaskedArray(np.zeros((1, 2)), mask=[[False, True]]))
 
     @unittest.skipIf(pandas is None, "pandas is missing (Debian: python3-pandas)")
     def test_a_frame_has_the_time_as_index_and_a_column_per_element(self):

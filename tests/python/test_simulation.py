@@ -23,6 +23,38 @@ class Run(Case):
         self.assertEqual(result.run.recording_file, self.folder / "python/signals.csv")
         self.assertEqual((self.folder / "python/signals.csv").read_bytes(), (self.folder / "program/signals.csv").read_bytes())
 
+    def test_errors_are_also_of_python_s_own_kinds_and_speak_python(self):
+        simulation = cotwin.Simulation(EXAMPLE, stop=0.1)
+        for use in (lambda: simulation["drive.qq"], lambda: simulation.view("drive.qq"), lambda: simulation.set("drive.qq", 1.0)):
+            with self.assertRaises(KeyError) as unknown:
+                use()
+            self.assertIsInstance(unknown.exception, cotwin.Error)
+            self.assertIn("drive.q", str(unknown.exception))
+            self.assertNotEqual(str(unknown.exception)[0], "'")  # the message, not its repr
+        for wrong in ([1.0, 2.0], np.ma.MaskedArray(np.zeros(7), mask=[True] + [False] * 6), np.zeros((7, 1)), np.zeros(7) * 1j):
+            with self.assertRaises(ValueError):
+                simulation["drive.tau_e"] = wrong
+        simulation["drive.tau_e"] = np.arange(7)
+        np.testing.assert_array_equal(simulation["drive.tau_e"], np.arange(7.0))
+        with self.assertRaises(FileNotFoundError):
+            cotwin.Simulation(self.folder / "none.ssd")
+        with self.assertRaises(FileNotFoundError):
+            cotwin.Recording.load(self.folder / "none.csv")
+        with self.assertRaises(KeyError):
+            cotwin.run(EXAMPLE, stop=0.01).recording["drive.qq"]
+        with self.assertError('set=["drive.methd=cvode"]: drive: no variable and no setting', "did you mean 'method'?") as told:
+            cotwin.Simulation(EXAMPLE, set={"drive.methd": "cvode"})
+        self.assertNotIn("--", str(told.error))
+        with self.assertRaises(KeyError):
+            cotwin.Simulation(EXAMPLE, set={"drive.methd": "cvode"})
+        with self.assertError('set=["drive.K=1 2"]: K: 2 values'):
+            cotwin.Simulation(EXAMPLE, set={"drive.K": [1, 2]})
+        with self.assertError("give stop=SECONDS"):
+            cotwin.Simulation(EXAMPLE, stop=-1)
+        with self.assertError("another robot: set=[", "did you mean 'lwr4'?") as told:
+            cotwin.Simulation(EXAMPLE, set={"robot": "lwr"})
+        self.assertNotIn("--", str(told.error))
+
     def test_steps_one_by_one_give_the_bits_of_a_run(self):
         whole = cotwin.run(EXAMPLE, stop=0.1)
         simulation = cotwin.Simulation(EXAMPLE, stop=0.1)

@@ -52,6 +52,7 @@ class Ask(Case):
             ({"service": "energy", "from_q_rad": Q0 * np.nan, "to_q_rad": Q1}, "request"),
             ({"service": "energy", "from_q_rad": object(), "to_q_rad": Q1}, "object"),
             ({"service": "energy", "robot": "../../etc/passwd", "from_q_rad": Q0, "to_q_rad": Q1}, "/robot"),
+            ({"service": "energy", "from_q_rad": np.ma.MaskedArray(Q0, mask=Q0 == 0), "to_q_rad": Q1}, "request: has masked"),
             ({1j: 2}, "request"),
         ):
             with self.subTest(request), self.assertError(part):
@@ -65,6 +66,9 @@ class Ask(Case):
             cotwin.ask({"service": "energy"}, threads=0)
         with self.assertError("none", "folder"):
             cotwin.ask({"service": "energy"}, robots=[self.folder / "none"])
+        for missing in ({"robot": "none.urdf"}, {"robot": "lwr4", "data": "none.csv"}):
+            with self.assertRaises(FileNotFoundError):
+                cotwin.tune(**{"data": "log.csv", "out": self.folder, **missing})
 
 
 class Excite(Case):

@@ -10,18 +10,21 @@
     ask          what a motion costs, and which one is better
 
 SI units of measure everywhere: m, kg, s, rad, N, N.m. All errors of the library are cotwin.Error, with place, fact and
-expectation. docs/python.md has more.
+expectation; UnknownName is also a KeyError, BadValue a ValueError, MissingFile a FileNotFoundError. docs/python.md has more.
 """
 
 from ._native import (
+    BadValue,
     Error,
     ExcitingMotion,
     Figure,
     Joint,
+    MissingFile,
     Robot,
     RunResult,
     TunedParameter,
     TuneResult,
+    UnknownName,
     Variable,
     version,
 )
@@ -35,10 +38,12 @@ from .unit import Unit
 __version__ = version()
 
 __all__ = [
+    "BadValue",
     "Error",
     "ExcitingMotion",
     "Figure",
     "Joint",
+    "MissingFile",
     "Recording",
     "Result",
     "Robot",
@@ -48,6 +53,7 @@ __all__ = [
     "TuneResult",
     "TunedParameter",
     "Unit",
+    "UnknownName",
     "Variable",
     "ask",
     "excite",

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Iterator
 import numpy as np
 
 from . import _native
-from ._native import Error
+from ._native import BadValue, Error, UnknownName
+from .masks import refuse_mask
 
 if TYPE_CHECKING:
     import pandas
@@ -32,9 +33,10 @@ class Recording:
     """
 
     def __init__(self, names: list[str], values: np.ndarray, cut: bool = False):
+        refuse_mask("recording: values", values)
         values = np.ascontiguousarray(values, dtype=float)
         if values.ndim != 2 or values.shape[1] != len(names):
-            raise Error(f"recording: values have the shape {values.shape}, expected (rows, {len(names)})")
+            raise BadValue(f"recording: values have the shape {values.shape}, expected (rows, {len(names)})")
         self.names = list(names)
         self.values = values
         self.cut = cut
@@ -60,7 +62,7 @@ class Recording:
             candidates = [file / "signals.csv", file / "signals.csv.part"]
             file = next((one for one in candidates if one.exists()), candidates[0])
         if time_unit not in _SECONDS:
-            raise Error(f"time_unit: '{time_unit}', expected one of {', '.join(_SECONDS)}")
+            raise BadValue(f"time_unit: '{time_unit}', expected one of {', '.join(_SECONDS)}")
         table = _native.load_table(file, t_column, _SECONDS[time_unit])
         if table.cut:
             warnings.warn(f"{file} ends within a row, which is left out", RuntimeWarning, stacklevel=2)
@@ -81,7 +83,7 @@ class Recording:
         """A vector, (rows, n), or a scalar or one element, (rows,): a view of values where the columns are neighbours."""
         columns = self._columns.get(name)
         if columns is None:
-            raise Error(f"recording: no column '{name}', expected one of {', '.join(['time', *self.signals])}")
+            raise UnknownName(f"recording: no column '{name}', expected one of {', '.join(['time', *self.signals])}")
         if self.names[columns[0]] == name:
             return self.values[:, columns[0]]
         first, last = columns[0], columns[-1] + 1

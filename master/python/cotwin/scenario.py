@@ -10,7 +10,8 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from ._native import Error
+from ._native import BadValue, Error, UnknownName
+from .masks import refuse_mask
 from .unit import Unit, name_of
 
 if TYPE_CHECKING:
@@ -29,11 +30,12 @@ def text_of(place: str, value: Any) -> str:
         return "true" if value else "false"
     if isinstance(value, (str, os.PathLike)):
         return os.fspath(value)
+    refuse_mask(place, value)
     array = np.asarray(value)
     if array.dtype.kind not in "iuf" or array.size == 0:
-        raise Error(f"{place}: {value!r}, expected a text, a truth value, a number or numbers")
+        raise BadValue(f"{place}: {value!r}, expected a text, a truth value, a number or numbers")
     if not np.all(np.isfinite(array)):
-        raise Error(f"{place}: has a value that is not finite, expected finite numbers")
+        raise BadValue(f"{place}: has a value that is not finite, expected finite numbers")
     return " ".join(repr(one) for one in array.ravel().tolist())
 
 
@@ -183,7 +185,7 @@ class Scenario:
 
     def _known(self, component: str) -> str:
         if component not in self._components:
-            raise Error(f"connect: no component '{component}', expected one of {', '.join(self._components) or 'those added before'}")
+            raise UnknownName(f"connect: no component '{component}', expected one of {', '.join(self._components) or 'those added before'}")
         return component
 
     def _split(self, port: str) -> tuple[str, str]:

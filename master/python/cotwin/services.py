@@ -10,11 +10,13 @@ from typing import Any, Callable, Iterable, Mapping
 import numpy as np
 
 from . import _native
-from ._native import Error
+from ._native import BadValue
+from .masks import refuse_mask
 
 
 def _plain(value: Any) -> Any:
     if isinstance(value, (np.ndarray, np.generic)):
+        refuse_mask("request", value)
         return value.tolist()
     if isinstance(value, os.PathLike):
         return os.fspath(value)
@@ -43,8 +45,10 @@ def ask(
     """
     try:
         text = json.dumps(dict(request), default=_plain, allow_nan=False)
+    except BadValue:
+        raise
     except (TypeError, ValueError) as error:
-        raise Error(f"request: {error}, expected texts, truth values, finite numbers, lists and dictionaries") from error
+        raise BadValue(f"request: {error}, expected texts, truth values, finite numbers, lists and dictionaries") from error
     count = (os.cpu_count() or 1) if threads is None else threads
     return json.loads(_native.ask(text, os.fspath(robot), [Path(one) for one in robots], count, progress))
 

@@ -9,7 +9,7 @@ from typing import Any, Iterable, Mapping
 import numpy as np
 
 from . import _native
-from ._native import Error
+from ._native import BadValue
 from .recording import Recording
 from .scenario import Scenario, text_of
 from .unit import Units, table_of
@@ -19,7 +19,7 @@ def _assignments(given: Mapping[str, Any] | Iterable[str] | None) -> list[str]:
     if given is None:
         return []
     if isinstance(given, str):
-        raise Error(f"set: '{given}', expected a dictionary or a list of texts")
+        raise BadValue(f"set: '{given}', expected a dictionary or a list of texts")
     if isinstance(given, Mapping):
         return [f"{name}={text_of(name, value)}" for name, value in given.items()]
     return [str(one) for one in given]

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Callable, Iterable
 
 from . import _native
-from ._native import Error, ExcitingMotion, TuneResult
+from ._native import BadValue, ExcitingMotion, TuneResult, UnknownName
 
 
 def _paths(given: Any) -> list[Path]:
@@ -18,11 +18,11 @@ def _fill(options: Any, given: dict[str, Any]) -> None:
     for name, value in given.items():
         if not hasattr(options, name):
             known = ", ".join(one for one in dir(options) if not one.startswith("_"))
-            raise Error(f"option '{name}': unknown, expected one of {known}")
+            raise UnknownName(f"option '{name}': unknown, expected one of {known}")
         try:
             setattr(options, name, value)
         except TypeError as error:
-            raise Error(f"option '{name}': {value!r} is of another type, expected one as {getattr(options, name)!r}") from error
+            raise BadValue(f"option '{name}': {value!r} is of another type, expected one as {getattr(options, name)!r}") from error
 
 
 def tune(

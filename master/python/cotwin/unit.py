@@ -9,7 +9,8 @@ from typing import Any, Callable, Iterable, Mapping, NamedTuple, Union
 
 import numpy as np
 
-from ._native import Error
+from ._native import BadValue, Error
+from .masks import refuse_mask
 
 
 class _Declared(NamedTuple):
@@ -118,18 +119,19 @@ class Unit:
     ) -> np.ndarray:
         place = f"{type(self).__name__}.{name}"
         if not isinstance(size, (int, np.integer)) or isinstance(size, bool) or size < 1:
-            raise Error(f"{place}: size {size!r}, expected a whole number of at least 1")
+            raise BadValue(f"{place}: size {size!r}, expected a whole number of at least 1")
         if not name.isidentifier():
-            raise Error(f"{place}: expected a name of letters, digits and '_'")
+            raise BadValue(f"{place}: expected a name of letters, digits and '_'")
         if name in self._variables:
             raise Error(f"{place}: declared twice")
         if hasattr(type(self), name):
             raise Error(f"{place}: is the name of an attribute of the class, expected another one")
+        refuse_mask(place, start)
         storage = np.empty(size)
         try:
             storage[...] = np.asarray(start, dtype=float)
         except (TypeError, ValueError) as error:
-            raise Error(f"{place}: start {start!r}, expected one number or {size}") from error
+            raise BadValue(f"{place}: start {start!r}, expected one number or {size}") from error
         visible = storage.view()
         visible.flags.writeable = role in _WRITABLE
         text = description or name.replace("_", " ")
@@ -144,9 +146,10 @@ class Unit:
         elif value is variable.visible:  # self.x += …
             return
         elif variable.role in _WRITABLE:
+            refuse_mask(f"{type(self).__name__}.{name}", value)
             array = np.asarray(value, dtype=float)
             if array.shape not in ((), variable.storage.shape):
-                raise Error(
+                raise BadValue(
                     f"{type(self).__name__}.{name}: a value of shape {array.shape}, expected {variable.storage.shape} or a number"
                 )
             variable.storage[...] = array
@@ -209,12 +212,12 @@ def table_of(units: Units | None) -> list[tuple[str, str, Callable[[], Unit]]]:
         pairs = []
         for one in units:
             if not isinstance(one, type) or not issubclass(one, Unit):
-                raise Error(f"units: {one!r}, expected classes derived from cotwin.Unit, or names with what makes them")
+                raise BadValue(f"units: {one!r}, expected classes derived from cotwin.Unit, or names with what makes them")
             pairs.append((name_of(one), one))
     table = []
     for name, make in pairs:
         if not callable(make):
-            raise Error(f"units: {name} is {make!r}, expected a class derived from cotwin.Unit or a function that makes a unit")
+            raise BadValue(f"units: {name} is {make!r}, expected a class derived from cotwin.Unit or a function that makes a unit")
         summary = (getattr(make, "__doc__", None) or "a unit in Python").strip().splitlines()[0]
         table.append((str(name), summary, make))
     return table
