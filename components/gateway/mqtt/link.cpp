@@ -164,9 +164,10 @@ bool Link::publish(std::uint64_t number, const Message& m) {
 
 void Link::subscribe(const std::vector<std::string>& topics) {
   try {
-    // As published: else the broker hides the retain flag of messages that come while the session lasts.
-    impl_->client.subscribe(::mqtt::string_collection::create(topics), std::vector<int>(topics.size(), 1), nullptr, *impl_,
-                            std::vector<::mqtt::subscribe_options>(topics.size(), ::mqtt::subscribe_options(false, true)));
+    // As published: else the broker hides the retain flag of messages that come while the session lasts. One by one, because Paho's
+    // call for several topics reads options that it has freed.
+    const ::mqtt::subscribe_options as_published(false, true);
+    for (const std::string& topic : topics) impl_->client.subscribe(topic, 1, nullptr, *impl_, as_published);
   } catch (const ::mqtt::exception& error) {
     impl_->report(Event::Kind::kRefused, 0, error.what());
   }
