@@ -13,7 +13,7 @@ namespace cotwin::gateway::http {
 namespace {
 
 constexpr int kBacklog = 128;
-constexpr std::size_t kMostRefusing = 32;         // connections that are told at the same time that there are too many
+constexpr std::size_t kMostRefusing = 256;        // connections that are told at the same time that there are too many
 constexpr std::chrono::milliseconds kPause{100};  // after an accept that failed, as for want of descriptors
 
 asio::ip::address address_of(const std::string& text, const std::string& place) {

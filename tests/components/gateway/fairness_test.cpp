@@ -284,6 +284,18 @@ TEST(GatewayFairness, LimitsTheConnectionsOfAnAddress) {
   EXPECT_TRUE(within_patience([&] { return http_call(subject.port(), "GET", "/short").status == 200; }));
 }
 
+TEST(GatewayFairness, TellsManyConnectionsAtOnceThatThereAreTooMany) {
+  ServerOptions options;
+  options.limits.address_connections = 2;
+  Subject subject(std::move(options));
+  std::vector<std::unique_ptr<RawClient>> clients;
+  for (int i = 0; i < 100; ++i) clients.push_back(std::make_unique<RawClient>(subject.port()));
+  ASSERT_TRUE(within_patience([&] { return subject.server->counts().connections == 100; }));
+  int told = 0;
+  for (std::size_t i = 2; i < clients.size(); ++i) told += clients[i]->reply().status == 429;
+  EXPECT_EQ(told, 98);
+}
+
 TEST(GatewayFairness, AnswersInTimeThatThereIsNoAnswerAndForgetsRequestsThatWait) {
   ServerOptions options;
   options.limits.answer = 0.2;
