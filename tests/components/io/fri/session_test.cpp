@@ -327,7 +327,7 @@ TEST_P(FriSession, DropsBackAndStopsWhenALimitIsExceeded) {
     settings.force_limit = 20;
     const bool wrench = c.drop == Drop::kTorque && &c == &cases[3];
     settings.command_mode = wrench ? ClientCommandMode::kWrench : ClientCommandMode::kTorque;
-    settings.control = ControlMode::kJointImpedance;
+    settings.control = wrench ? ControlMode::kCartesianImpedance : ControlMode::kJointImpedance;
     Exchange x(settings, client_settings(p));
     x.wanted.fields = C::kPosition | (wrench ? C::kWrench : C::kTorque);
     x.program = [](double, Joints& q) { q.fill(0.2), q[6] = 2.8999; };
