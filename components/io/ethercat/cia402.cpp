@@ -150,4 +150,26 @@ std::uint16_t Axis::control(Wish wish) {
   return last_ = control_of(command(wish));
 }
 
+void Homing::start() {
+  phase_ = Phase::kMode;
+  done_ = failed_ = begun_ = false;
+  since_ = 0;
+}
+
+void Homing::advance(Mode shown, std::uint16_t status_word, Mode mode, double h) {
+  if (phase_ == Phase::kMode && shown == Mode::kHoming) {
+    phase_ = Phase::kRuns;
+  } else if (phase_ == Phase::kRuns) {
+    since_ += h;
+    const bool error = (status_word & status::kHomingError) != 0;
+    const bool homed = (status_word & status::kHomed) != 0;
+    begun_ = begun_ || (!homed && !error) || since_ >= kOldResult;
+    failed_ = begun_ && (error || shown != Mode::kHoming);
+    done_ = begun_ && !failed_ && homed && (status_word & status::kReached) != 0;
+    if (failed_ || done_) phase_ = Phase::kBack;
+  } else if (phase_ == Phase::kBack && shown == mode) {
+    phase_ = Phase::kIdle;
+  }
+}
+
 }  // namespace cotwin::cia402

@@ -11,7 +11,7 @@ inline constexpr std::uint16_t kErrorCode = 0x603f, kControlWord = 0x6040, kStat
                                kMode = 0x6060, kModeDisplay = 0x6061, kPosition = 0x6064, kFollowingWindow = 0x6065,
                                kVelocity = 0x606c, kTargetTorque = 0x6071, kTorque = 0x6077, kTargetPosition = 0x607a,
                                kPositionLimit = 0x607d, kMostSpeed = 0x6080, kQuickStopDeceleration = 0x6085,
-                               kTargetVelocity = 0x60ff;
+                               kHomingMethod = 0x6098, kHomingSpeeds = 0x6099, kTargetVelocity = 0x60ff;
 }
 
 /// The states of the power drive system, in the order of the standard.
@@ -30,7 +30,9 @@ enum class State : std::uint8_t {
 namespace status {
 inline constexpr std::uint16_t kFault = 1 << 3, kVoltage = 1 << 4, kWarning = 1 << 7, kRemote = 1 << 9, kLimit = 1 << 11,
                                kFollows = 1 << 12;  // modes csp, csv, cst: the drive follows the target; else it holds
-}
+// Mode homing: the target is reached, home was found, homing failed.
+inline constexpr std::uint16_t kReached = 1 << 10, kHomed = 1 << 12, kHomingError = 1 << 13;
+}  // namespace status
 /// The state in a status word. Words that the standard leaves out are kNotReady, in which a drive needs no command.
 State state_of(std::uint16_t status_word);
 /// The status word of a state, with bits 4 to 6 as most drives have them and no others.
@@ -45,7 +47,7 @@ enum class Command : std::uint8_t {
   kQuickStop,
   kFaultReset,
 };
-inline constexpr std::uint16_t kFaultResetBit = 1 << 7, kHaltBit = 1 << 8;
+inline constexpr std::uint16_t kHomingStart = 1 << 4, kFaultResetBit = 1 << 7;
 std::uint16_t control_of(Command command);
 /// The command in a control word that follows `before`: a fault reset is a rising edge of bit 7, which goes before the others.
 Command command_of(std::uint16_t control_word, std::uint16_t before);
@@ -89,6 +91,32 @@ class Axis {
   std::uint16_t last_ = 0;                                                           // control word
   enum class Reset : std::uint8_t { kNone, kRelease, kHold } reset_ = Reset::kNone;  // bit 7: 0, 0 for a cycle, 1
   bool was_on_ = false, fell_ = false;
+};
+
+/// The homing of an enabled drive: mode homing, its start, and back to the mode before.
+class Homing {
+ public:
+  void start();
+  /// Ends it without a result: the drive stands when its start bit and its mode go.
+  void abort() { phase_ = Phase::kIdle; }
+  bool is_active() const { return phase_ != Phase::kIdle; }
+  /// One cycle of `h` seconds, with what the drive gave last. `mode`: the one to go back to.
+  void advance(Mode shown, std::uint16_t status_word, Mode mode, double h);
+
+  /// What the drive gets: the mode, and bits of the control word beside those of Axis.
+  Mode mode(Mode otherwise) const { return phase_ == Phase::kMode || phase_ == Phase::kRuns ? Mode::kHoming : otherwise; }
+  std::uint16_t control_bits() const { return phase_ == Phase::kRuns ? kHomingStart : 0; }
+  /// Of the last homing.
+  bool is_done() const { return done_; }
+  bool has_failed() const { return failed_; }
+
+ private:
+  /// A result may be that of the homing before until the drive has taken it back, or for so many s.
+  static constexpr double kOldResult = 0.1;
+
+  enum class Phase : std::uint8_t { kIdle, kMode, kRuns, kBack } phase_ = Phase::kIdle;
+  bool done_ = false, failed_ = false, begun_ = false;
+  double since_ = 0;  // s, in kRuns
 };
 
 }  // namespace cotwin::cia402

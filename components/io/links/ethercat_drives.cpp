@@ -25,6 +25,7 @@ constexpr double kLeastStep = 1e-4;  // s
 
 constexpr const char* kFell = "left Operation enabled by itself";
 constexpr const char* kHolds = "did not follow its target any more, or left its mode";
+constexpr const char* kNotHomed = "did not find its home";
 constexpr const char* kFaulty = "has a fault";
 constexpr const char* kJumped = "gave a position that no motion explains";
 
@@ -90,6 +91,9 @@ EtherCatDrives::EtherCatDrives(const std::vector<SlaveChoice>& slaves, const std
   for (std::vector<double>* values : {&q_, &q_wanted_, &q_target_, &tau_target_, &no_gain_, &dq_scale_, &tau_scale_})
     values->resize(n);
   tau_command_max_.resize(n, kNoLimit);
+  home_ = std::make_unique<bool[]>(n);
+  homed_ = std::make_unique<bool[]>(n);
+  home_before_.resize(n);
   for (std::vector<std::int32_t>* values : {&state_, &error_, &warning_}) values->resize(n);
 }
 
@@ -103,6 +107,10 @@ void EtherCatDrives::declare(Variables& v, JointVariables& joints) {
               "what the drives (CiA 402) do: monitor (they stay off), position (csp), velocity (csv) or torque (cst)");
   v.input("enable", enable_, "the drives are enabled with drive_mode other than monitor; false: they are shut down");
   v.input("quick_stop", quick_stop_, "stops all drives at once; they are enabled again when it is false and acknowledge rises");
+  v.input(
+      "home", std::span<bool>(home_.get(), drives_.size()),
+      "of each drive: a rising edge while all drives are enabled and stand makes it find its home (objects 0x6098, 0x6099)");
+  v.output("homed", std::span<bool>(homed_.get(), drives_.size()), "of each drive: it has found its home since the start");
   v.output("drives_enabled", enabled_, "whether all drives are enabled and follow the commands");
   v.output("drive_state", state_,
            "state of each drive: 0 not ready, 1 switch on disabled, 2 ready to switch on, 3 switched on, 4 operation enabled, "
@@ -178,6 +186,9 @@ void EtherCatDrives::initialise(double cycle, std::span<const double> q_scale, s
       throw Error(place, "tau_scale is 0, expected the joint torque per unit of its torque for drive_mode=torque");
     }
     d.axis.forget();
+    d.homing = {};
+    home_before_[k] = true;  // an input that is on at the start has not risen
+    homed_[k] = false;
     d.status_word = 0;
     d.known = false;
     d.error_code = d.mode_shown = 0;
@@ -217,6 +228,7 @@ bool EtherCatDrives::has_stopped() {
   if (std::exchange(jumped_, false)) return stops(drives_.front(), kJumped);
   for (const Drive& d : drives_) {
     if (d.axis.fell()) return stops(d, kFell);
+    if (d.homing.has_failed()) return stops(d, kNotHomed);
     // It would jump to its target when it follows again.
     if (follows_ && !takes_targets(d)) return stops(d, kHolds);
     const bool faulty = d.axis.state() == State::kFault || d.axis.state() == State::kFaultReaction;
@@ -252,17 +264,47 @@ void EtherCatDrives::write(ethercat::Master& master, const Command& command, dou
   }
   awaited_ = acknowledgement.awaits();
   const Wish wanted = wish(awaited_);
-  for (Drive& d : drives_) d.control_word = operational ? d.axis.control(wanted) : 0;
-  choose_targets(command, h, wanted == Wish::kOn && all_enabled());
+  advance_homing(wanted == Wish::kOn && operational, h);
+  for (Drive& d : drives_) {
+    d.control_word = operational ? static_cast<std::uint16_t>(d.axis.control(wanted) | d.homing.control_bits()) : 0;
+  }
+  choose_targets(command, h, wanted == Wish::kOn && !homes() && all_enabled());
   for (std::size_t k = 0; k < drives_.size(); ++k) write_targets(master.outputs(drives_[k].slave), k);
   write_outputs();
+}
+
+bool EtherCatDrives::homes() const {
+  return std::ranges::any_of(drives_, [](const Drive& d) { return d.homing.is_active(); });
+}
+
+void EtherCatDrives::advance_homing(bool may_home, double h) {
+  constexpr double kStands = 1e-6;  // rad/s
+  const bool stand =
+      follows_ && std::ranges::all_of(synchronisation_.speed(), [](double dq) { return std::abs(dq) < kStands; });
+  for (std::size_t k = 0; k < drives_.size(); ++k) {
+    Drive& d = drives_[k];
+    const bool before = home_before_[k];
+    home_before_[k] = home_[k];
+    if (!may_home || d.axis.state() != State::kOperationEnabled) {
+      d.homing = {};
+      continue;
+    }
+    if (home_[k] && !before && stand && d.mode.bits != 0 && d.mode_display.bits != 0) {
+      homed_[k] = false;
+      d.homing.start();
+    }
+    if (!d.homing.is_active()) continue;
+    d.homing.advance(static_cast<cia402::Mode>(d.mode_shown), d.status_word, profile_mode(), h);
+    homed_[k] = d.homing.is_done();
+    jumps_.forget();
+  }
 }
 
 /// Targets begin where the drives are, and stay there until all of them are enabled.
 void EtherCatDrives::choose_targets(const Command& command, double h, bool follows) {
   for (std::size_t k = 0; k < drives_.size(); ++k) {
     Drive& d = drives_[k];
-    if (d.axis.state() != State::kOperationEnabled) d.held = d.counts;
+    if (d.axis.state() != State::kOperationEnabled || d.homing.is_active()) d.held = d.counts;
     q_target_[k] = q_scale_[d.joint] * static_cast<double>(d.held) + q_offset_[d.joint];
     const double wanted = command.q[d.joint];
     q_wanted_[k] =
@@ -296,7 +338,7 @@ void EtherCatDrives::write_targets(std::span<std::uint8_t> out, std::size_t k) {
   }
   if (follows_ && mode_ == Mode::kTorque) torque = synchronisation_.share() * tau_target_[k] / tau_scale_[k];
   write(d.control, d.control_word);
-  write(d.mode, static_cast<std::int64_t>(profile_mode()));
+  write(d.mode, static_cast<std::int64_t>(d.homing.mode(profile_mode())));
   write(d.target_position, d.held);
   write(d.target_velocity, rounded(speed, 32));
   write(d.target_torque, rounded(torque, 16));

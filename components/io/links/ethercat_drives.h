@@ -1,5 +1,6 @@
 #pragma once
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
@@ -19,6 +20,7 @@ namespace cotwin::io {
 ///   position   target = command of the synchronisation: within its limits of speed and acceleration, with its soft start
 ///   velocity   target = q̇ of that command + K_v (its position − q)
 ///   torque     target = tau_command, within its limit, with the soft start
+/// A rising edge of `home` makes a drive find its zero, as its objects 0x6098 and 0x6099 say, while the others hold.
 /// Nothing moves by itself. A drive is enabled with mode other than monitor while the input `enable` is on; all drives are enabled before one moves;
 /// a target begins where the drive is and stays there until then. A fault, a drive that leaves Operation enabled by itself, a jump of a position, the input
 /// quick_stop and a loss of the bus stop all drives (quick stop; at a loss they stop by themselves) until `acknowledge` rises, which also resets faults, once.
@@ -62,6 +64,7 @@ class EtherCatDrives {
     Place control, mode, target_position, target_velocity, target_torque;
     Place status, mode_display, position, velocity, torque, error;
     cia402::Axis axis;
+    cia402::Homing homing;
     std::uint16_t status_word = 0, control_word = 0;
     std::int32_t error_code = 0, mode_shown = 0;
     bool known = false;       // `raw` is a position of the drive
@@ -77,6 +80,8 @@ class EtherCatDrives {
   cia402::Mode profile_mode() const;
   cia402::Wish wish(bool awaits) const;
   bool has_stopped();
+  void advance_homing(bool may_home, double h);
+  bool homes() const;
   bool takes_targets(const Drive& d) const;
   bool all_enabled() const;
   void choose_targets(const Command& command, double h, bool follows);
@@ -101,6 +106,8 @@ class EtherCatDrives {
   // Inputs and parameters.
   std::string mode_text_ = "monitor";
   bool enable_ = true, quick_stop_ = false;
+  std::unique_ptr<bool[]> home_, homed_;  // input and output
+  std::vector<bool> home_before_;
   std::vector<double> dq_command_max_, q_command_min_, q_command_max_, tau_command_max_, dq_scale_, tau_scale_;
   double ddq_command_max_ = kSafeAcceleration, K_v_ = 10;
   // Outputs.

@@ -17,6 +17,7 @@ using DriveState = cia402::State;
 constexpr std::int64_t kStep = 125'000;                 // ns, of the integration
 constexpr std::int64_t kLongestInterval = 100'000'000;  // ns between targets; after longer ones it does not interpolate
 constexpr std::int64_t kLongestGap = 1'000'000'000;     // ns without a frame or a tick that are integrated
+constexpr double kStands = 10;                          // counts/s
 constexpr double kBrake = 50;                           // 1/s
 constexpr std::size_t kTable = 256;                     // bytes of 0x2001
 
@@ -83,6 +84,10 @@ ServoDrive::ServoDrive(const SlaveOptions& options) : Slave(write_sii(servo_driv
   o.add(object::kPositionLimit, 2, "Max position limit", kI32, 32, 0, true);
   o.add(object::kMostSpeed, 0, "Max motor speed", kU32, 32, 0, true);
   o.add(object::kQuickStopDeceleration, 0, "Quick stop deceleration", kU32, 32, 10'000'000, true);
+  o.add(object::kHomingMethod, 0, "Homing method", kI8, 8, 37, true);
+  o.add(object::kHomingSpeeds, 0, "Homing speeds", kU8, 8, 2);
+  o.add(object::kHomingSpeeds, 1, "Speed during search for switch", kU32, 32, 10'000, true);
+  o.add(object::kHomingSpeeds, 2, "Speed during search for zero", kU32, 32, 10'000, true);
   o.add_text(0x2001, 0, "Cogging compensation table", std::string(kTable, '\0'), true);
 }
 
@@ -93,6 +98,8 @@ void ServoDrive::restart() {
   v_ = a_ = 0;
   moving_ = limited_ = false;
   interval_ = 0;
+  homing_ = Homing::kIdle;
+  offset_ = 0;
 }
 
 ServoDrive::Targets ServoDrive::targets() const {
@@ -123,14 +130,40 @@ void ServoDrive::obey(const Targets& t) {
   const cia402::Command command = cia402::command_of(t.control, control_);
   if (drive_ != DriveState::kQuickStop || command != cia402::Command::kEnableOperation)
     drive_ = cia402::after(drive_, command, cause_);
+  home(t);
   control_ = t.control;
   if (before == DriveState::kFault && drive_ != before) error_ = 0;
   if (before != DriveState::kOperationEnabled && drive_ == DriveState::kOperationEnabled) interval_ = 0;
-  const bool known = t.mode == Mode::kPosition || t.mode == Mode::kVelocity || t.mode == Mode::kTorque;
+  const bool known =
+      t.mode == Mode::kPosition || t.mode == Mode::kVelocity || t.mode == Mode::kTorque || t.mode == Mode::kHoming;
   if (known && t.mode != mode_) {
     mode_ = t.mode;
     interval_ = 0;
   }
+}
+
+/// The start bit begins a homing with its rising edge and ends it when it falls.
+void ServoDrive::home(const Targets& t) {
+  const bool start = (t.control & cia402::kHomingStart) != 0;
+  if (mode_ != Mode::kHoming || t.mode != Mode::kHoming || drive_ != DriveState::kOperationEnabled || !start) {
+    homing_ = Homing::kIdle;
+    return;
+  }
+  if ((control_ & cia402::kHomingStart) != 0) return;
+  const auto method = static_cast<std::int8_t>(objects().number(object::kHomingMethod, 0));
+  homing_ = method == 33 || method == 34 || method == 37 ? Homing::kRuns : Homing::kFailed;
+  if (method != 37) return;
+  offset_ = -x_;
+  homing_ = Homing::kDone;
+}
+
+/// A pulse between `before` and x_ in the direction of the homing is where the position is 0.
+void ServoDrive::find_pulse(double before) {
+  const bool positive = objects().number(object::kHomingMethod, 0) == 34;
+  const double pulse = kTurn * (positive ? std::floor(x_ / kTurn) : std::ceil(x_ / kTurn));
+  if (positive ? pulse <= before : pulse >= before) return;
+  offset_ = -pulse;
+  homing_ = Homing::kDone;
 }
 
 double ServoDrive::within_limits(double position) const {
@@ -143,8 +176,8 @@ double ServoDrive::within_limits(double position) const {
 
 /// The way to a new target takes as long as the last one was valid.
 void ServoDrive::take_target(const Targets& t, std::int64_t now) {
-  const double target = within_limits(t.position);
-  limited_ = target != t.position;
+  const double target = within_limits(t.position) - offset_;
+  limited_ = within_limits(t.position) != t.position;
   if (interval_ == 0) {
     from_ = to_ = target;
     began_ = now;
@@ -174,7 +207,11 @@ double ServoDrive::acceleration(const Targets& t, std::int64_t now) const {
   }
   if (mode_ == Mode::kVelocity) return w * (bounded(t.velocity) - v_);
   if (mode_ == Mode::kTorque) return kAcceleration * t.torque - kFriction * v_;
-  return -kBrake * v_;
+  if (mode_ == Mode::kHoming && homing_ == Homing::kRuns) {
+    const auto speed = static_cast<double>(objects().number(object::kHomingSpeeds, 2));
+    return w * (bounded(objects().number(object::kHomingMethod, 0) == 34 ? speed : -speed) - v_);
+  }
+  return w * -v_;
 }
 
 void ServoDrive::move(const Targets& t, std::int64_t now, double h) {
@@ -183,8 +220,10 @@ void ServoDrive::move(const Targets& t, std::int64_t now, double h) {
   const bool stopping = drive_ != DriveState::kOperationEnabled;
   constexpr double kRest = 1;  // counts/s
   const bool rests = stopping && (v * v_ <= 0 || std::abs(v) < kRest);
+  const double before = x_;
   x_ += h * (rests ? v_ / 2 : (v + v_) / 2);
   v_ = rests ? 0 : v;
+  if (homing_ == Homing::kRuns) find_pulse(before);
 }
 
 void ServoDrive::update(std::int64_t now) {
@@ -210,14 +249,20 @@ void ServoDrive::update(std::int64_t now) {
 void ServoDrive::write_inputs(const Targets& t) {
   std::uint16_t status = cia402::status_of(drive_) | cia402::status::kRemote;
   const bool enabled = drive_ == DriveState::kOperationEnabled;
-  if (enabled && mode_ == t.mode) status |= cia402::status::kFollows;
+  if (enabled && mode_ == Mode::kHoming) {
+    if (homing_ == Homing::kDone) status |= cia402::status::kHomed;
+    if (homing_ == Homing::kFailed) status |= cia402::status::kHomingError;
+    if (homing_ != Homing::kRuns && std::abs(v_) < kStands) status |= cia402::status::kReached;
+  } else if (enabled && mode_ == t.mode) {
+    status |= cia402::status::kFollows;
+  }
   if (enabled && mode_ == Mode::kPosition && limited_) status |= cia402::status::kLimit;
   std::uint8_t* const to = inputs().data();
   const auto rounded = [](double value, double most) { return std::llround(std::clamp(value, -most, most)); };
   store(to + kControlAt, status);
   store(to + kModeAt, static_cast<std::int8_t>(mode_));
   to[kModeAt + 1] = 0;
-  store(to + kPositionAt, static_cast<std::int32_t>(rounded(x_, 2147483647.0)));
+  store(to + kPositionAt, static_cast<std::int32_t>(rounded(x_ + offset_, 2147483647.0)));
   store(to + kVelocityAt, static_cast<std::int32_t>(rounded(v_, 2147483647.0)));
   store(to + kTorqueAt, static_cast<std::int16_t>(rounded((a_ + kFriction * v_) / kAcceleration, 32767.0)));
   store(to + kErrorAt, error_);

@@ -210,5 +210,43 @@ TEST(Cia402Axis, StaysSafeWithAnyStatusWords) {
   }
 }
 
+// Table "homing" of 6041h: bits 13, 12 and 10.
+TEST(Cia402Homing, EndsWithTheResultOfThisHomingAndGoesBackToItsMode) {
+  constexpr std::uint16_t kDone = status::kHomed | status::kReached;
+  Homing h;
+  EXPECT_EQ(h.mode(Mode::kPosition), Mode::kPosition);
+  h.start();
+  EXPECT_EQ(h.mode(Mode::kPosition), Mode::kHoming);
+  h.advance(Mode::kPosition, status::kFollows, Mode::kPosition, 1e-3);  // bit 12 of the mode before
+  EXPECT_EQ(h.control_bits(), 0);
+  h.advance(Mode::kHoming, kDone, Mode::kPosition, 1e-3);
+  EXPECT_EQ(h.control_bits(), kHomingStart);
+  for (int i = 0; i < 50; ++i) h.advance(Mode::kHoming, kDone, Mode::kPosition, 1e-3);
+  EXPECT_FALSE(h.is_done()) << "perhaps the homing before";
+  h.advance(Mode::kHoming, 0, Mode::kPosition, 1e-3);
+  h.advance(Mode::kHoming, status::kHomed, Mode::kPosition, 1e-3);
+  EXPECT_FALSE(h.is_done()) << "the axis has not come to rest";
+  h.advance(Mode::kHoming, kDone, Mode::kPosition, 1e-3);
+  EXPECT_TRUE(h.is_done());
+  EXPECT_EQ(h.control_bits(), 0);
+  EXPECT_EQ(h.mode(Mode::kPosition), Mode::kPosition);
+  EXPECT_TRUE(h.is_active()) << "until the drive shows its mode";
+  h.advance(Mode::kPosition, status::kFollows, Mode::kPosition, 1e-3);
+  EXPECT_FALSE(h.is_active());
+}
+
+TEST(Cia402Homing, FailsWithTheErrorOfTheDriveAndWhenItLeavesTheMode) {
+  for (const bool leaves : {false, true}) {
+    Homing h;
+    h.start();
+    h.advance(Mode::kHoming, 0, Mode::kPosition, 1e-3);
+    h.advance(Mode::kHoming, 0, Mode::kPosition, 1e-3);
+    EXPECT_FALSE(h.has_failed());
+    h.advance(leaves ? Mode::kNone : Mode::kHoming, leaves ? 0 : status::kHomingError, Mode::kPosition, 1e-3);
+    EXPECT_TRUE(h.has_failed());
+    EXPECT_FALSE(h.is_done());
+  }
+}
+
 }  // namespace
 }  // namespace cotwin::cia402

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <fstream>
+#include <numbers>
 #include <string>
 #include <vector>
 
@@ -327,6 +328,69 @@ TEST(EtherCatDrives, ExertTorques) {
   EXPECT_NEAR(a.real("tau", 0), 1.0, 0.02);
   EXPECT_TRUE(a.boolean("has_tau"));
   EXPECT_EQ(a.speeds[1], 0);
+}
+
+// The axis of q1 stands at 50000 counts, at a pulse: the next ones are at 60000 and 40000.
+TEST(EtherCatDrives, FindTheirHomeAndFollowFromWhereTheyAre) {
+  struct Case {
+    const char* method;
+    double pulse;  // counts
+  };
+  for (const Case& c : {Case{"34", 60'000}, Case{"33", 40'000}, Case{"37", 50'000}}) {
+    const cotwin::testing::TemporaryFolder folder("drives");
+    const std::string file = (folder.path() / "drives.csv").string();
+    std::ofstream(file) << "slave,when,index,subindex,type,value\nq1,PS,0x6098,0,i8," << c.method
+                        << "\nq1,PS,0x6099,2,u32,20000\n";
+    Axes a("position", "&start_up=" + file);
+    a.start();
+    ASSERT_TRUE(a.enables());
+    a.set("home", "true false");
+    a.steps(800);
+    EXPECT_TRUE(a.boolean("homed", 0)) << c.method;
+    EXPECT_FALSE(a.boolean("homed", 1));
+    EXPECT_FALSE(a.boolean("awaits_acknowledgement"));
+    EXPECT_TRUE(a.boolean("drives_enabled"));
+    EXPECT_EQ(a.axis(1), -0.2) << "the other one holds";
+    a.command(0.1, -0.2);
+    a.steps(3000);
+    EXPECT_NEAR(a.real("q", 0), 0.1, 2e-5);
+    EXPECT_NEAR(a.axis(0), kScale * c.pulse + 0.1, 2e-5) << c.method;
+    // It turns round with a = 20 rad/s² and lags by a/ω² then: the critically damped loop makes that up with at most a/(ω e). Targets
+    // are rounded to a count per ms.
+    EXPECT_LT(a.fastest, 0.5 + 20 / (ethercat::ServoDrive::kBandwidth * std::numbers::e) + kScale / 1e-3);
+  }
+}
+
+TEST(EtherCatDrives, StopWhenAHomingFailsAndHomeOnlyWhileTheyStand) {
+  const cotwin::testing::TemporaryFolder folder("drives");
+  const std::string file = (folder.path() / "drives.csv").string();
+  std::ofstream(file)
+      << "slave,when,index,subindex,type,value\nq1,PS,0x6098,0,i8,1\n";  // a switch that the emulated drive does not have
+  Axes a("position", "&start_up=" + file);
+  a.set("home", "true false");  // on at the start: no edge
+  a.start();
+  ASSERT_TRUE(a.enables());
+  a.steps(100);
+  EXPECT_TRUE(a.boolean("drives_enabled"));
+  a.set("home", "false false");
+  a.command(5, -0.2);
+  a.steps(1000);
+  a.set("home", "true false");  // it moves
+  a.steps(100);
+  EXPECT_TRUE(a.boolean("drives_enabled"));
+  EXPECT_GT(a.speeds[0], 0.4);
+  a.command(a.real("q", 0), -0.2);
+  a.steps(2000);
+  a.set("home", "false false");
+  a.steps(1);
+  a.set("home", "true false");
+  a.steps(300);
+  EXPECT_FALSE(a.boolean("homed", 0));
+  EXPECT_TRUE(a.boolean("awaits_acknowledgement"));
+  EXPECT_EQ(a.integer("drive_state", 0), kOff);
+  EXPECT_EQ(a.integer("drive_state", 1), kOff);
+  a.acknowledge();
+  EXPECT_TRUE(a.enables()) << "without another homing";
 }
 
 // Without the quick stop the brake of the emulated axis would stop it in 1/50 s: 0.5 rad/s / 50 = 10 mrad further.
