@@ -11,6 +11,10 @@ file(CREATE_LINK ${PROJECT_SOURCE_DIR}/models ${CMAKE_BINARY_DIR}/share/cotwin/m
 
 install(DIRECTORY models/robots models/scenes models/people models/scenarios DESTINATION share/cotwin/models COMPONENT cotwin)
 install(DIRECTORY examples DESTINATION share/cotwin COMPONENT cotwin USE_SOURCE_PERMISSIONS)
+# The project of docs/library.md, which tests/install builds.
+set(own_unit tests/install/consumer)
+install(FILES ${own_unit}/own_unit/CMakeLists.txt ${own_unit}/springs.ssd DESTINATION share/cotwin/examples/own_unit COMPONENT cotwin)
+install(DIRECTORY ${own_unit}/spring DESTINATION share/cotwin/examples/own_unit COMPONENT cotwin)
 install(PROGRAMS scripts/fetch_logs.py DESTINATION share/cotwin/scripts COMPONENT cotwin)
 install(FILES scripts/completion.bash DESTINATION share/bash-completion/completions RENAME cotwin COMPONENT cotwin)
 install(FILES scripts/completion.zsh DESTINATION share/zsh/site-functions RENAME _cotwin COMPONENT cotwin)

@@ -1,4 +1,4 @@
-// docs/reference/ is exactly the output of `cotwin reference docs/reference`.
+// docs/reference/ is exactly the output of `cotwin reference docs/reference`, and docs/library.md shows the unit that is installed as an example.
 #include <gtest/gtest.h>
 
 #include <cstdlib>
@@ -18,6 +18,7 @@ namespace fs = std::filesystem;
 std::map<std::string, std::string> pages(const fs::path& folder) {
   std::map<std::string, std::string> found;
   for (const auto& entry : fs::directory_iterator(folder)) {
+    if (!entry.is_regular_file()) continue;
     std::ifstream in(entry.path());
     std::stringstream text;
     text << in.rdbuf();
@@ -40,6 +41,16 @@ TEST(Reference, IsWrittenFromTheUnitsDeclarations) {
                                    << " differs from the declarations of the units; run: cotwin reference docs/reference";
   }
   EXPECT_EQ(kept.size(), written.size()) << "docs/reference has pages without a unit";
+}
+
+TEST(Library, ShowsTheUnitOfTheExample) {
+  const fs::path source = cotwin::places::source();
+  const std::string page = pages(source / "docs").at("library.md");
+  for (const char* file : {"spring.h", "spring.cpp"}) {
+    const std::string text = pages(source / "tests/install/consumer/spring").at(file);
+    ASSERT_GT(text.size(), 500u);
+    EXPECT_NE(page.find("```cpp\n" + text + "```\n"), std::string::npos) << "docs/library.md differs from " << file;
+  }
 }
 
 }  // namespace

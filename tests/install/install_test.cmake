@@ -119,6 +119,11 @@ endif()
 run(${CMAKE_COMMAND} -S ${SOURCE}/tests/install/consumer -B ${WORK}/consumer -G ${GENERATOR} -DCMAKE_BUILD_TYPE=Release
   -DCMAKE_PREFIX_PATH=${prefix} ${flags})
 run(${CMAKE_COMMAND} --build ${WORK}/consumer)
+# The unit of docs/library.md, as it is installed.
+run(${CMAKE_COMMAND} -S ${prefix}/share/cotwin/examples/own_unit -B ${WORK}/own_unit -G ${GENERATOR} -DCMAKE_BUILD_TYPE=Release
+  -DCMAKE_PREFIX_PATH=${prefix} ${flags})
+run(${CMAKE_COMMAND} --build ${WORK}/own_unit)
+expect(0 "" ${cotwin} run ${prefix}/share/cotwin/examples/own_unit/springs.ssd --units ${WORK}/own_unit/units/spring.so --quiet --out ${WORK}/run/own_unit)
 set(module ${WORK}/consumer/units/spring.so)
 expect_file(${module} ${WORK}/consumer/units/fmu/${platform}/spring.so)
 
