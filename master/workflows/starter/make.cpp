@@ -138,41 +138,73 @@ class Search {
         "only the probe touches the plate (robot_shapes=none in twin.ssd), because with the shapes of the links " + why);
   }
 
-  void make_contact_scenario() {
+  /// The flange, and the ends of other chains, if the user gave no frame.
+  std::vector<robot::Frame> ends() const {
     const robot::RobotModel& robot = result_.model;
-    check_robot(robot);
-    const robot::Frame& end = request_.end_effector.empty() ? flange(robot) : robot.frame(request_.end_effector);
-    const std::string advice = ", expected --end-effector LINK, or --kind motion or compliance";
-    std::string first, tried;
+    if (!request_.end_effector.empty()) return {robot.frame(request_.end_effector)};
+    constexpr std::size_t kMostEnds = 6;
+    std::vector<robot::Frame> all = {flange(robot)};
+    for (int body = 0; body < robot.body_count() && all.size() < kMostEnds; ++body) {
+      bool is_last = true;
+      for (int other = 0; other < robot.body_count(); ++other) is_last = is_last && robot.joint_of(other).parent != body;
+      if (!is_last || body == robot.end_effector().body) continue;
+      const auto last =
+          std::find_if(robot.frames.rbegin(), robot.frames.rend(), [&](const robot::Frame& f) { return f.body == body; });
+      if (last != robot.frames.rend()) all.push_back(*last);
+    }
+    return all;
+  }
+
+  /// Tries presses of a probe at a frame until one runs. Returns "" then, otherwise why the first did not.
+  std::string try_presses(const robot::Frame& end) {
+    std::string first;
+    bool tried = false;
     try {
-      ContactPlanner planner(robot, end);
+      ContactPlanner planner(result_.model, end);
       constexpr int kMostTrials = 6;
       int trials = 0;
       for (const double scale : kPressScales) {
         for (int direction = 0; direction < kPressDirections; ++direction) {
           for (int posture = 0; posture < kPressPostures && trials < kMostTrials; ++posture) {
             try {
-              std::optional<Sketch> sketch = make_contact(robot, planner, {posture, direction, scale}, drives_);
+              std::optional<Sketch> sketch = make_contact(result_.model, planner, {posture, direction, scale}, drives_);
               if (!sketch) continue;
               result_.sketch = *std::move(sketch);
               ++trials;
               try_contact();
-              if (end.name != robot.end_effector().name && request_.end_effector.empty())
-                result_.sketch.notes.push_back("the probe is mounted at '" + end.name + "', not at the finger '" +
-                                               robot.end_effector().name + "' (--end-effector LINK)");
-              return;
+              return "";
             } catch (const Error& error) {
-              if (first.empty() || (trials == 1 && tried.empty())) first = error.what();
-              if (trials > 0) tried = first;
+              if (first.empty() || (trials == 1 && !tried)) first = error.what();
+              tried = trials > 0;
             }
           }
         }
       }
     } catch (const Error& error) {
-      throw Error(error.what() + advice);
+      return error.what();
     }
-    throw Error("no contact at '" + end.name + "' of robot '" + robot.name + "' was found that runs as promised",
-                "the first that was tried: " + first + advice);
+    return first.empty() ? "robot '" + result_.model.name + "', frame '" + end.name + "': it does not move well" : first;
+  }
+
+  void make_contact_scenario() {
+    const robot::RobotModel& robot = result_.model;
+    check_robot(robot);
+    const std::vector<robot::Frame> all = ends();
+    std::string first;
+    for (const robot::Frame& end : all) {
+      const std::string why = try_presses(end);
+      if (first.empty()) first = why;
+      if (!why.empty()) continue;
+      const std::string mounted = "the probe is mounted at '" + end.name + "', not at ";
+      if (!first.empty()) {
+        result_.sketch.notes.push_back(mounted + "'" + all.front().name + "' (--end-effector LINK): " + first);
+      } else if (request_.end_effector.empty() && end.name != robot.end_effector().name) {
+        result_.sketch.notes.push_back(mounted + "the finger '" + robot.end_effector().name + "' (--end-effector LINK)");
+      }
+      return;
+    }
+    throw Error("no contact of robot '" + robot.name + "' was found that runs as promised",
+                "the first that was tried: " + first + ", expected --end-effector LINK, or --kind motion or compliance");
   }
 
   const Request& request_;
@@ -211,7 +243,9 @@ std::string advice(const Request& request, const std::string& options, const Err
     return "\nit runs with: " + all;
   } catch (const Error& next) {
     const std::string more = advice(other, all, next, types);
-    return more.empty() ? "\nwith " + all + ": " + next.what() : more;
+    if (!more.empty()) return more;
+    const bool same = std::string(next.what()) == error.what();  // a fault of another kind
+    return same ? "" : "\nwith " + all + ": " + next.what();
   }
 }
 

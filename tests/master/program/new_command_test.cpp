@@ -305,6 +305,24 @@ TEST(New, MountsTheProbeAtThePalmAndNotAtAFinger) {
               HasSubstr("is of --kind contact"));
 }
 
+/// The longest chain can hardly move, and the other one is a wheel.
+TEST(New, MountsTheProbeAtAnotherEndIfTheFirstCannotPress) {
+  const TemporaryFolder folder("new");
+  const std::string stiff = "<limit lower=\"0\" upper=\"1e-4\" effort=\"1\" velocity=\"9\"/>";
+  folder.write("two.urdf", "<robot name=\"two\">" + link("base", 1) + link("disc", 1) + link("flap", 1) + link("tip", 1) +
+                               joint("roll", "continuous", "base", "disc", "0 0 1", "<limit effort=\"1\" velocity=\"9\"/>") +
+                               joint("turn", "revolute", "base", "flap", "0 0 1", stiff) +
+                               joint("bend", "revolute", "flap", "tip", "0 1 0", stiff) + "</robot>");
+  const RunResult made = make(folder, {"--robot", "two.urdf", "--kind", "contact"});
+  ASSERT_EQ(made.code, 0) << made.err;
+  EXPECT_THAT(made.out, HasSubstr("note: the probe is mounted at 'disc', not at 'tip' (--end-effector LINK): robot 'two', "
+                                  "frame 'tip': it cannot go on by"));
+  run(folder, "two_contact/twin.ssd");
+  expect_contact(folder, "two_contact/twin.ssd");
+  EXPECT_THAT(make(folder, {"--robot", "two.urdf", "--kind", "contact", "--end-effector", "tip", "--out", "x"}).err,
+              HasSubstr("frame 'tip': it cannot go on by"));
+}
+
 TEST(New, LocksJointsThatCannotMove) {
   const TemporaryFolder folder("new");
   std::string robot = mixed_robot("mixed");
