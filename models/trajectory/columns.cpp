@@ -86,7 +86,7 @@ std::vector<std::size_t> find_columns(const csv::Reader& reader, const std::stri
   return {};
 }
 
-std::string numbered_columns(const std::vector<std::string>& names) {
+std::string table_columns(const std::vector<std::string>& names) {
   std::vector<std::string> patterns;
   for (const std::string& name : names) {
     const std::size_t digits = name.find_last_not_of("0123456789") + 1;  // 0 for a name of digits alone
@@ -96,9 +96,13 @@ std::string numbered_columns(const std::vector<std::string>& names) {
     const bool from_0 = std::ranges::find(patterns, stem + "{0}") != patterns.end();
     if (!from_0) patterns.push_back(pattern);
   }
-  if (patterns.empty()) return "";
+  constexpr std::size_t kMostNames = 20;
+  const bool is_numbered = !patterns.empty();
+  if (!is_numbered)
+    patterns.assign(names.begin(), names.begin() + static_cast<std::ptrdiff_t>(std::min(names.size(), kMostNames)));
   for (std::string& pattern : patterns) pattern = "'" + pattern + "'";
-  return "; numbered columns of the table: " + text::joined(patterns);
+  return (is_numbered ? "; numbered columns of the table: " : "; columns of the table: ") + text::joined(patterns) +
+         (!is_numbered && names.size() > kMostNames ? ", …" : "");
 }
 
 std::size_t find_time_column(const csv::Reader& reader, const std::string& file, const std::string& column,

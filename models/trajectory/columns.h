@@ -20,8 +20,9 @@ struct Quantity {
 std::vector<std::size_t> find_columns(const csv::Reader& reader, const std::string& file, const std::string& columns,
                                       const Quantity& quantity, std::span<const Axis> axes);
 
-/// The patterns of a table's numbered columns, for messages: "; numbered columns of the table: 'pos{}', 'current_{0}'"; "" if there are none.
-std::string numbered_columns(const std::vector<std::string>& names);
+/// The patterns of a table's numbered columns, for messages: "; numbered columns of the table: 'pos{}', 'current_{0}'". If there are none, its first
+/// columns: "; columns of the table: 't', 'x'".
+std::string table_columns(const std::vector<std::string>& names);
 
 /// The time column: `column`, otherwise t, time or timestamp, ignoring case. Throws Error if there is none; `remedy` says in the
 /// message what else can be given.

@@ -129,7 +129,10 @@ TEST(Recording, ColumnsThatAreNotOnePerJointAreErrors) {
               HasSubstr("has columns 'tau1' to 'tau1' of tau, expected 2"));
   EXPECT_EQ(error_of("t,x,y\n0,0,0\n1,0,0\n", free_axes(2)),
             "file.csv: has no columns of joint positions, expected 'q1', 'q2', … or their names in q_columns (cotwin tune: "
-            "--q-columns)");
+            "--q-columns); columns of the table: 't', 'x', 'y'");
+  std::string wide = "t";
+  for (int i = 0; i < 30; ++i) wide += std::string(",") + static_cast<char>('a' + i % 26) + (i < 26 ? "x" : "y");
+  EXPECT_THAT(error_of(wide + "\n", free_axes(2)), HasSubstr("'rx', 'sx', …"));
   EXPECT_THAT(error_of("time,pos1,pos2,current_0,current_1\n0,0,0,0,0\n1,0,0,0,0\n", free_axes(2)),
               HasSubstr("numbered columns of the table: 'pos{}', 'current_{0}'"));
   format.q_columns = "x,z";
