@@ -330,6 +330,21 @@ std::string unit_of(const std::map<std::string, std::string>& units, const std::
   return "";
 }
 
+/// The signals of any component with this name of a variable: "; did you mean 'motion.q' or 'drive.q'?"; at most three, "" if there are none.
+std::string in_components(const std::string& variable, const std::vector<std::string>& columns) {
+  constexpr std::size_t kMost = 3;
+  std::vector<std::string> found;
+  for (const std::string& column : columns) {
+    const std::string name = vector_of(column);
+    if (name.substr(name.rfind('.') + 1) != variable || std::ranges::find(found, name) != found.end()) continue;
+    if (found.size() == kMost) break;
+    found.push_back(name);
+  }
+  std::string text;
+  for (const std::string& name : found) text += (text.empty() ? "; did you mean " : " or ") + master::in_quotes(name);
+  return text.empty() ? "" : text + "?";
+}
+
 bool matches(const std::vector<std::string>& patterns, const std::string& name) {
   return patterns.empty() || std::ranges::any_of(patterns, [&](const std::string& pattern) { return selects(pattern, name); });
 }
@@ -341,7 +356,9 @@ bool selects(const std::string& pattern, const std::string& column) {
 }
 
 Error no_signal(const std::string& file, const std::string& pattern, const std::vector<std::string>& columns) {
-  return Error(file, "no signal " + master::in_quotes(pattern) + master::suggestion(pattern, columns) + "; there are " +
+  const std::string of_components = in_components(pattern, columns);
+  return Error(file, "no signal " + master::in_quotes(pattern) +
+                         (of_components.empty() ? master::suggestion(pattern, columns) : of_components) + "; there are " +
                          std::to_string(columns.size()) +
                          (columns.empty() ? "" : ", the first is " + master::in_quotes(columns.front())));
 }

@@ -170,6 +170,9 @@ TEST(PlotErrors, NameWhatIsMissing) {
   const RunResult wrong = plot({"log.csv", "drive.p"});
   EXPECT_EQ(wrong.code, 2);
   EXPECT_THAT(wrong.err, HasSubstr("no signal 'drive.p'; did you mean 'drive.q'?"));
+  EXPECT_THAT(plot({"log.csv", "q"}).err, HasSubstr("no signal 'q'; did you mean 'drive.q'?"));
+  folder.write("two.csv", "t,a.q[1],a.q[2],b.q\n0,1,2,3\n");
+  EXPECT_THAT(plot({"two.csv", "q"}).err, HasSubstr("no signal 'q'; did you mean 'a.q' or 'b.q'?"));
   EXPECT_THAT(plot({"log.csv", "drive.q", "-o", "x.gif"}).err, HasSubstr("expected a name that ends in .svg, .png or .pdf"));
   folder.write("nan.csv", "t,x\n0,nan\n1,inf\n");
   EXPECT_THAT(plot({"nan.csv", "x"}).err, HasSubstr("'x' has no finite value"));
