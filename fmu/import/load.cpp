@@ -119,10 +119,11 @@ LoadOptions read_query(std::string_view query, LoadOptions options) {
     } else if (key == "locals" || key == "si" || key == "slopes" || key == "rollback") {
       const std::optional<bool> read = text::parse_boolean(value);
       if (!read) throw Error(std::string(setting), "expected true or false");
-      (key == "si"         ? options.si
-       : key == "slopes"   ? options.slopes
-       : key == "rollback" ? options.rollback
-                           : options.locals) = *read;
+      if (key == "rollback") {
+        options.rollback = read;
+      } else {
+        (key == "si" ? options.si : key == "slopes" ? options.slopes : options.locals) = *read;
+      }
     } else if (key.rfind(kStructural, 0) == 0) {
       const auto read = text::parse_integer(value);
       if (!read || *read < 0) throw Error(std::string(setting), "expected a non-negative integer");

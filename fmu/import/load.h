@@ -25,7 +25,7 @@ struct LoadOptions {
   std::optional<double> stop, tolerance;            // s; relative
   bool si = true;                                   // convert values to SI; false: keep the FMU's values, without a unit
   bool slopes = false;                              // also the time derivatives "der(y)" of outputs that the FMU gives
-  bool rollback = false;                            // earlier states may be restored (ForeignUnit)
+  std::optional<bool> rollback;  // earlier states may be restored (ForeignUnit); no value: if the FMU is ours
 };
 
 /// Loads an archive (.fmu) or an unpacked folder with modelDescription.xml as a unit, with its variables and their start

@@ -81,10 +81,11 @@ void Host::make() {
   fmu->name = package.name;
   fmu->folder = folder;
   fmu->description = std::move(package.description);
+  const UnitOptions options = unit_options(fmu->description, package.options);
   if (chosen_kind(fmu->description, package.options.kind) == InterfaceKind::kCoSimulation) {
-    unit_ = std::make_unique<FmuUnit>(std::move(fmu), unit_options(package.options));
+    unit_ = std::make_unique<FmuUnit>(std::move(fmu), options);
   } else {
-    unit_ = std::make_unique<ModelExchangeUnit>(std::move(fmu), unit_options(package.options));
+    unit_ = std::make_unique<ModelExchangeUnit>(std::move(fmu), options);
   }
   unit_->declare(variables_);
   channel_.check_layout(variables_);

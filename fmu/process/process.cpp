@@ -343,10 +343,11 @@ void HostProcess::kill() noexcept {
 ProcessUnit::ProcessUnit(std::shared_ptr<const ForeignFmu> fmu, LoadOptions options)
     : fmu_(std::move(fmu)),
       options_(std::move(options)),
-      variables_(fmu_->description,
-                 variables_options(fmu_->description, chosen_kind(fmu_->description, options_.kind), unit_options(options_))),
-      restorable_(
-          can_restore(interface_of(fmu_->description, chosen_kind(fmu_->description, options_.kind)), unit_options(options_))) {
+      variables_(fmu_->description, variables_options(fmu_->description, chosen_kind(fmu_->description, options_.kind),
+                                                      unit_options(fmu_->description, options_))) {
+  const UnitOptions for_unit = unit_options(fmu_->description, options_);
+  restorable_ = can_restore(interface_of(fmu_->description, chosen_kind(fmu_->description, options_.kind)), for_unit);
+  goes_back_ = restorable_ && for_unit.rollback;
   variables_.declare(declared_);
   begin();
 }

@@ -85,7 +85,7 @@ class ProcessUnit final : public Unit, public StagedInitialisation, public Decla
   void exit_initialisation() override;
   StepResult step(Time now, Duration h) override;
   bool restorable() const override { return restorable_; }
-  bool goes_back() const override { return restorable_ && options_.rollback; }
+  bool goes_back() const override { return goes_back_; }
   bool follows(const Variable& output, std::size_t row, const Variable& input, std::size_t column) const override {
     return declares_dependency(fmu_->description, output, row, input, column);
   }
@@ -103,7 +103,7 @@ class ProcessUnit final : public Unit, public StagedInitialisation, public Decla
   LoadOptions options_;
   ForeignVariables variables_;
   Variables declared_;
-  bool restorable_;
+  bool restorable_ = false, goes_back_ = false;
   Time start_;
   std::vector<std::string> warnings_;  // from the unit in the process
   std::unique_ptr<HostProcess> host_;

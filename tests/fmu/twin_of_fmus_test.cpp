@@ -567,7 +567,7 @@ TEST(ForeignPackage, WithDamageAndACorrectHashIsRefusedOrCanBeBuilt) {
     try {
       const fmu::ModelDescription& d = package.description;
       const fmu::LoadOptions& o = package.options;
-      fmu::ForeignVariables variables(d, fmu::variables_options(d, fmu::chosen_kind(d, o.kind), fmu::unit_options(o)));
+      fmu::ForeignVariables variables(d, fmu::variables_options(d, fmu::chosen_kind(d, o.kind), fmu::unit_options(d, o)));
       Variables declared;
       variables.declare(declared);
       ++built;

@@ -61,8 +61,8 @@ std::string good_unit() {
 std::unique_ptr<fmu::ForeignVariables> variables_of(const fmu::ForeignPackage& package) {
   const fmu::ModelDescription& d = package.description;
   const fmu::LoadOptions& o = package.options;
-  return std::make_unique<fmu::ForeignVariables>(d,
-                                                 fmu::variables_options(d, fmu::chosen_kind(d, o.kind), fmu::unit_options(o)));
+  return std::make_unique<fmu::ForeignVariables>(
+      d, fmu::variables_options(d, fmu::chosen_kind(d, o.kind), fmu::unit_options(d, o)));
 }
 
 std::string good_fmu(const std::string& name) {

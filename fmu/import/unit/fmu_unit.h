@@ -36,8 +36,9 @@ struct UnitOptions {
 };
 
 struct LoadOptions;
-/// Returns the unit options in the options of load.h.
-UnitOptions unit_options(const LoadOptions& options);
+/// Returns the unit options in the options of load.h. Without a choice, `rollback` is true for FMUs of this program: their units go
+/// back to earlier states at no cost, as they do without an FMU.
+UnitOptions unit_options(const ModelDescription& description, const LoadOptions& options);
 
 /// Returns whether the FMU can be set back to an earlier state.
 bool can_restore(const Interface& interface, const UnitOptions& options);

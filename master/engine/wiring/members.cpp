@@ -154,8 +154,8 @@ FmuSource fmu_source(const ComponentSpec& spec, const Scenario& scenario) {
   options.instance_name = spec.name;
   options.kind = spec.implementation;
   options.process = spec.process;
-  // Steps are repeated in each tick.
-  options.rollback = scenario.tolerance > 0 || scenario.coupling == CouplingChoice::kImplicit;
+  if (scenario.tolerance > 0 || scenario.coupling == CouplingChoice::kImplicit)
+    options.rollback = true;  // steps are repeated in each tick
   if (question != std::string::npos) options = fmu::read_query(std::string_view(spec.source).substr(question + 1), options);
   return {scenario.folder / spec.source.substr(0, question), options};
 }
