@@ -111,19 +111,6 @@ std::vector<GivenStart> given_starts(const ParameterSet& set, const Member& memb
   return given;
 }
 
-std::string not_finite(const Member& member, const Variable& variable, std::size_t element, double value, double seconds) {
-  return element_name(member.name(), variable, element) + " is " + text::to_text(value) + " at t = " + text::to_text(seconds) +
-         " s, expected a finite " + std::string(name_of(variable.role));
-}
-
-bool has_moderate_inputs(const Member& member) {
-  constexpr double kLarge = 1e12;  // in SI
-  return std::ranges::all_of(member.variables(), [&](const Variable& v) {
-    return v.role != Role::kInput || v.kind() != Kind::kReal ||
-           std::ranges::all_of(v.reals(), [&](double x) { return std::abs(x) < kLarge; });
-  });
-}
-
 void check_name(const ParameterValue& value, const Member& member, std::span<const Member> all) {
   if (find_element(member.variables(), value.name).variable != nullptr) return;
   const std::string name = value.name.substr(0, value.name.find('['));

@@ -1,6 +1,7 @@
 // Look-up of variables by name. Separate from members.cpp, because an exported scenario (twin/exported.cpp) needs it without
 // the code that builds units and loads FMUs.
 #include <algorithm>
+#include <cmath>
 
 #include "components/unit/settings.h"
 #include "fmu/export/package.h"
@@ -151,6 +152,19 @@ bool glob(std::string_view pattern, std::string_view name) {
     }
   }
   return pattern.find_first_not_of('*', p) == std::string_view::npos;
+}
+
+std::string not_finite(const Member& member, const Variable& variable, std::size_t element, double value, double seconds) {
+  return element_name(member.name(), variable, element) + " is " + text::to_text(value) + " at t = " + text::to_text(seconds) +
+         " s, expected a finite " + std::string(name_of(variable.role));
+}
+
+bool has_moderate_inputs(const Member& member) {
+  constexpr double kLarge = 1e12;  // in SI
+  return std::ranges::all_of(member.variables(), [&](const Variable& v) {
+    return v.role != Role::kInput || v.kind() != Kind::kReal ||
+           std::ranges::all_of(v.reals(), [&](double x) { return std::abs(x) < kLarge; });
+  });
 }
 
 }  // namespace cotwin::master

@@ -95,7 +95,7 @@ std::vector<UnitSuspicion> suspect_units(const RobotModel& robot) {
       farthest = "; joint '" + joint.name + "' is " + number(step) + " m from the one before";
     }
     found.push_back({(robot.body_count() == 0 ? "it reaches " : "the robot reaches ") + number(reach) + " m" + farthest,
-                     "length=" + plausible_length(reach)});
+                     "length=" + (robot.body_count() == 0 ? "mm" : plausible_length(reach))});
   }
   double mass = 0, travel = 0;
   for (const Body& body : robot.bodies) mass += body.inertia.mass;

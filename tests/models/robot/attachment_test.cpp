@@ -173,7 +173,7 @@ TEST(Attachment, ThatIsInvalidIsRefusedAndChangesNothing) {
 TEST(Attachment, HistorySaysWhatAndWhy) {
   RobotModel robot = lwr4();
   Attachment sensor{"ft_sensor", "link_7", {}, {0.25, {0, 0, 0.03}, Matrix3d::Identity() * 1e-4}};
-  sensor.X_PA.p = {0, 0, 0.1};
+  sensor.X_PA.p = {0, 0, 0.01};
   attach(robot, sensor, "IV-A2");
   set_inertia(robot, 6, box(1, 0.1, 0.1, 0.1), "tuned");
   detach(robot, "ft_sensor", "broken");
