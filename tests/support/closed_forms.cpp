@@ -232,6 +232,11 @@ scene::Scene scaled(scene::Scene scene, double scale) {
   return scene;
 }
 
+bool ClosedForm::is_right(double value, const Setting& setting) const {
+  const double relative = second_order ? std::max(1.0, setting.unscaled_h() / 1e-3) : 1;
+  return value >= least && value <= most * relative * relative;
+}
+
 std::vector<ClosedForm> closed_forms() {
   return {
       {"gripper, 0.98 of what friction holds", "motion in 2 s", "mm", "0", 0, 0.2, 2, false, [] { return gripper(0.98); },

@@ -1,4 +1,5 @@
 #pragma once
+#include <cmath>
 #include <functional>
 #include <span>
 #include <string>
@@ -21,6 +22,15 @@ struct Motion {
   double t = 0;  // s
 };
 
+/// A step, and the size of the scene.
+struct Setting {
+  double h = 1e-3;  // s
+  double scale = 1;
+  /// The step that gives the same motion at the size 1, s.
+  double unscaled_h() const { return h / std::sqrt(scale); }
+};
+inline constexpr Setting kSettings[] = {{1e-3, 1}, {1e-4, 1}, {4e-3, 1}, {1e-3, 0.01}, {1e-3, 100}};
+
 /// A scene, and a figure of which the closed form is known.
 struct ClosedForm {
   std::string scene, figure, unit, exact;  // `exact`: what theory says
@@ -31,6 +41,7 @@ struct ClosedForm {
   scene::Scene (*make)() = nullptr;
   Wrench (*load)(std::size_t body) = nullptr;                                              // on each body, constant; null: none
   double (*value)(const scene::Scene& scene, const Motion& now, double so_far) = nullptr;  // after each step; starts with 0
+  bool is_right(double value, const Setting& setting) const;
 };
 
 std::vector<ClosedForm> closed_forms();

@@ -22,11 +22,7 @@ const std::vector<EngineKind> kEngines{{"tree", make_user_tree, true, false},
                                        {"Bullet SI 10", make_bullet_si, false, false},
                                        {"Bullet MLCP Dantzig", make_bullet_dantzig, false, true}};
 
-struct Setting {
-  double h = 1e-3;  // s
-  double scale = 1;
-};
-constexpr Setting kSettings[] = {{1e-3, 1}, {1e-4, 1}, {4e-3, 1}, {1e-3, 0.01}, {1e-3, 100}};
+using testing::Setting, testing::kSettings;
 
 std::vector<Figure> watch(const testing::ClosedForm& form, const EngineKind& kind, const Setting& setting) {
   const scene::Scene unscaled = form.make();
@@ -53,19 +49,22 @@ std::vector<Figure> watch(const testing::ClosedForm& form, const EngineKind& kin
           {"ended", "1", run.engine().ended() ? 1.0 : 0.0, 0}};
 }
 
-enum class Verdict { kRight, kTold, kWrong };
+enum class Verdict { kRight, kTold, kWrong, kEnded };
 
 Verdict judge(const testing::ClosedForm& form, const Setting& setting, const Outcome& outcome) {
-  if (outcome.figures.empty() || outcome.figures[2].value > 0) return outcome.failure == "–" ? Verdict::kRight : Verdict::kTold;
-  const double value = outcome.figures[0].value, relative = setting.h / std::sqrt(setting.scale) / 1e-3;
-  const double most = form.second_order && relative > 1 ? form.most * relative * relative : form.most;
-  if (value >= form.least && value <= most) return Verdict::kRight;
+  if (outcome.figures.empty()) return outcome.failure == "–" ? Verdict::kRight : Verdict::kTold;
+  if (outcome.figures[2].value > 0) return Verdict::kEnded;
+  if (form.is_right(outcome.figures[0].value, setting)) return Verdict::kRight;
   return outcome.figures[1].value > 0 ? Verdict::kTold : Verdict::kWrong;
 }
 
 void print_cell(const Outcome& outcome, Verdict verdict) {
   if (outcome.figures.empty()) {
     std::printf(" %s |", outcome.failure.c_str());
+    return;
+  }
+  if (verdict == Verdict::kEnded) {
+    std::printf(" error |");
     return;
   }
   const char* const words[] = {"", ", told", ", **wrong**"};
