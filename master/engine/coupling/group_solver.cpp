@@ -18,6 +18,7 @@ namespace {
 
 constexpr double kIncrement = 1e-4;     // of an unknown for the Jacobian, relative to its scale
 constexpr double kNoiseOfSteps = 1e-9;  // of units that choose their own steps, relative
+constexpr double kSolverNoise = 1e-5;   // of units that iterate to a tolerance of their own, relative
 constexpr double kMostRelaxed = 1e-2;   // tolerance of Newton's method / that of the scenario
 constexpr std::int64_t kShort = 16;     // full step / short step, to find inputs that act without delay
 constexpr double kNoDelay = 0.25;       // smallest change in the short step / change in the full step of such an input
@@ -78,6 +79,7 @@ GroupSolver::GroupSolver(std::span<Slot> slots, std::span<const Member> members,
   }
   limits_.tolerance = std::max(limits_.tolerance, kMostRelaxed * tolerance);
   limits_.noise = kNoiseOfSteps;
+  limits_.stagnant = kSolverNoise;
 }
 
 void GroupSolver::add(const Link& link, std::size_t from, std::size_t to) {

@@ -126,6 +126,7 @@ Newton::Outcome Newton::solve(CoupledOutputs& outputs, Eigen::VectorXd& x, const
   bool computed_here = false;  // ∂y/∂x belongs to x
   bool singular = false;
   bool evaluated = true;  // the last evaluation was at x
+  double accepted = limits.weak;
   while (residual_.allFinite()) {
     if (is_small(x, scale, limits.tolerance)) return Outcome::kConverged;
     if (iterations_ == limits.iterations) break;
@@ -157,6 +158,7 @@ Newton::Outcome Newton::solve(CoupledOutputs& outputs, Eigen::VectorXd& x, const
     const bool slow = !made || worst_ > kSlow * before;
     const bool wrong = !made || (worst_ > before && !is_small(x, scale, limits.tolerance));
     if (made && worst_ <= limits.noise && worst_ > kFast * before) return Outcome::kConverged;
+    if (slow && computed_here) accepted = std::max(limits.weak, limits.stagnant);
     if (wrong && !computed_here) {  // an old matrix that points the wrong way: compute it where it began
       x = last_x_;
       y_ = last_y_;
@@ -175,7 +177,7 @@ Newton::Outcome Newton::solve(CoupledOutputs& outputs, Eigen::VectorXd& x, const
     if (slow && !computed_here) known_ = false;
     computed_here = false;
   }
-  if (residual_.allFinite() && worst_ <= limits.weak && (evaluated || outputs.evaluate(x, y_))) return Outcome::kConverged;
+  if (residual_.allFinite() && worst_ <= accepted && (evaluated || outputs.evaluate(x, y_))) return Outcome::kConverged;
   known_ = false;
   return Outcome::kDiverged;
 }

@@ -34,6 +34,7 @@ class Newton {
     double tolerance = 1e-12;  // of |y − x| / scale; at least the rounding error of y is accepted
     double noise = 0;          // accepted where an iteration improves the residual by less than 1/kFast
     double weak = 1e-8;        // accepted where no iteration improves the residual
+    double stagnant = 0;  // accepted after all iterations if one with a new ∂y/∂x has left more than kSlow of the residual
   };
 
   explicit Newton(Eigen::Index n);

@@ -267,5 +267,38 @@ TEST(Newton, AcceptsTheRoundingErrorOfItsFunction) {
   EXPECT_LE(newton.worst(), 1e-8);
 }
 
+TEST(Newton, AcceptsTheNoiseOfAnIterativeSolverWhereAllowed) {
+  // y is known to `noise`, as of a solver that ends at a tolerance of its own. A residual above `stagnant` is not accepted.
+  for (const double noise : {1e-6, 3e-6, 1e-3}) {
+    Function f([=](const Vector& x) { return vector({0.3 * x[0] + 1 + noise * std::sin(1e14 * x[0])}); });
+    for (const double stagnant : {0.0, 1e-5}) {
+      Newton::Limits limits;
+      limits.stagnant = stagnant;
+      Newton newton(1);
+      Vector x = vector({1});
+      const bool converges = newton.solve(f, x, ones(1), limits) == Outcome::kConverged;
+      EXPECT_EQ(converges, noise < stagnant) << noise;
+      if (converges) {
+        EXPECT_NEAR(x[0], 1 / 0.7, 2e-5);
+      }
+    }
+  }
+}
+
+TEST(Newton, AllowedNoiseChangesNothingWhereNewtonsMethodConverges) {
+  Function f([](const Vector& x) { return vector({std::cos(x[0]), std::tanh(4 * x[0]) + 0.5 * x[1]}); });
+  Vector ends[2];
+  for (const double stagnant : {0.0, 1e-5}) {
+    Newton::Limits limits = kLimits;
+    limits.stagnant = stagnant;
+    Newton newton(2);
+    Vector x = vector({-3, 5});
+    ASSERT_EQ(newton.solve(f, x, ones(2), limits), Outcome::kConverged);
+    EXPECT_LE(newton.worst(), 1e-12);
+    ends[stagnant > 0] = x;
+  }
+  EXPECT_EQ(ends[0], ends[1]);
+}
+
 }  // namespace
 }  // namespace cotwin::master
