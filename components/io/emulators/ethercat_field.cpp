@@ -39,6 +39,9 @@ void EtherCatField::declare(Variables& v, JointVariables& joints) {
       v.parameter(s.name + "_start", terminals_[i].start,
                   "position of the axis when the " + s.device + " is switched on, counts");
       v.input(s.name + "_fault", terminals_[i].fault, "whether the " + s.device + " has a fault of the outside (code 0x9000)");
+      v.input(s.name + "_torque_off", terminals_[i].torque_off,
+              "whether the safe torque off or the mains contactor of the " + s.device +
+                  " is open: no fault, but it cannot be enabled");
     }
   }
   joints.input("q_field", q_, "rad", "position of the axis at each encoder, in the order of the bus");
@@ -89,6 +92,7 @@ void EtherCatField::exchange() {
     } else if (is_emulated_drive(slaves_[i])) {
       t.position = t.axis.load(std::memory_order_relaxed);
       t.cause.store(t.fault, std::memory_order_relaxed);
+      t.is_off.store(t.torque_off, std::memory_order_relaxed);
     }
     states_[i] = t.state.load(std::memory_order_relaxed);
   }
@@ -120,6 +124,7 @@ void EtherCatField::apply(std::int64_t now) {
     } else if (is_emulated_drive(slaves_[i])) {
       auto& drive = static_cast<ethercat::ServoDrive&>(slave);
       drive.set_fault_cause(t.cause.load(std::memory_order_relaxed));
+      drive.set_torque_off(t.is_off.load(std::memory_order_relaxed));
       if (off_now_ != static_cast<std::int32_t>(i)) drive.advance(now);
       t.axis.store(drive.position(), std::memory_order_relaxed);
     }

@@ -36,11 +36,11 @@ class EtherCatField {
     std::atomic<std::uint32_t> bits{0};  // channels between the threads
     std::atomic<std::int64_t> counts{0};
     std::atomic<std::int32_t> state{0};
-    std::int32_t start = 0;  // of a drive, counts
-    double position = 0;     // port, counts
-    bool fault = false;      // port
+    std::int32_t start = 0;                  // of a drive, counts
+    double position = 0;                     // port, counts
+    bool fault = false, torque_off = false;  // ports
     std::atomic<double> axis{0};
-    std::atomic<bool> cause{false};
+    std::atomic<bool> cause{false}, is_off{false};
   };
 
   const std::vector<SlaveChoice>& slaves_;

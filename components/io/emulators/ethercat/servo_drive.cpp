@@ -130,6 +130,8 @@ void ServoDrive::obey(const Targets& t) {
   const cia402::Command command = cia402::command_of(t.control, control_);
   if (drive_ != DriveState::kQuickStop || command != cia402::Command::kEnableOperation)
     drive_ = cia402::after(drive_, command, cause_);
+  if (torque_off_ && drive_ != DriveState::kFault && drive_ != DriveState::kFaultReaction)
+    drive_ = DriveState::kSwitchOnDisabled;
   home(t);
   control_ = t.control;
   if (before == DriveState::kFault && drive_ != before) error_ = 0;
@@ -248,6 +250,7 @@ void ServoDrive::update(std::int64_t now) {
 
 void ServoDrive::write_inputs(const Targets& t) {
   std::uint16_t status = cia402::status_of(drive_) | cia402::status::kRemote;
+  if (torque_off_) status &= static_cast<std::uint16_t>(~cia402::status::kVoltage);
   const bool enabled = drive_ == DriveState::kOperationEnabled;
   if (enabled && mode_ == Mode::kHoming) {
     if (homing_ == Homing::kDone) status |= cia402::status::kHomed;

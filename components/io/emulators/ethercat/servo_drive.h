@@ -22,6 +22,7 @@ Sii servo_drive_sii();
 ///               becomes 0. Pulses are at the multiples of kTurn of an encoder that begins at 0 when the drive is switched on
 ///   quick stop  with 0x6085 (counts/s²; 0: by the brake) to rest, then Switch on disabled (option code 2 of 0x605A)
 ///   faults      following error beyond 0x6065 (0x8611); set_fault_cause()
+///   torque off  set_torque_off(): from every state but a fault to Switch on disabled, and it stays there; status bit 4 is off
 ///   limits      of 0x607D (no effect while both are 0) and 0x6080 (0: none); status bit 11 while they act
 /// Positions are counts, velocities counts/s, torques 1/1000 of the rated torque. All are simulated time.
 class ServoDrive final : public Slave {
@@ -39,6 +40,8 @@ class ServoDrive final : public Slave {
   void set_start(double position) { x_ = position; }
   /// An external fault while it is on (0x9000).
   void set_fault_cause(bool on) { cause_ = on; }
+  /// Safe torque off, or no mains voltage, while it is on. No fault.
+  void set_torque_off(bool on) { torque_off_ = on; }
   double position() const { return x_; }  // counts, of the axis: homing does not change it
   double speed() const { return v_; }     // counts/s
   cia402::State drive_state() const { return drive_; }
@@ -64,7 +67,7 @@ class ServoDrive final : public Slave {
   void write_inputs(const Targets& t);
 
   double x_ = 0, v_ = 0, a_ = 0;  // counts, s
-  bool cause_ = false, limited_ = false;
+  bool cause_ = false, torque_off_ = false, limited_ = false;
   cia402::State drive_ = cia402::State::kNotReady;
   cia402::Mode mode_ = cia402::Mode::kNone;
   std::uint16_t control_ = 0, error_ = 0;

@@ -23,6 +23,7 @@ Master::Master(BusSetup bus, std::int64_t cycle, std::int64_t patience, BusTime 
     : bus_(std::move(bus)), patience_(std::max(cycle, patience)), time_(time) {
   inputs_.resize(bus_.input_bytes);
   outputs_.resize(bus_.output_bytes);
+  safe_outputs_.resize(bus_.output_bytes);
   sent_outputs_.resize(bus_.output_bytes);
   reported_.resize(bus_.slaves.size());
   frames_.resize(std::max<std::size_t>(bus_.segments.size(), 1));
@@ -40,6 +41,11 @@ std::span<const std::uint8_t> Master::inputs(std::size_t slave) const {
 std::span<std::uint8_t> Master::outputs(std::size_t slave) {
   const BusSlave& s = bus_.slaves[slave];
   return std::span(outputs_).subspan(s.outputs_at, s.setup.output_bytes);
+}
+
+std::span<std::uint8_t> Master::safe_outputs(std::size_t slave) {
+  const BusSlave& s = bus_.slaves[slave];
+  return std::span(safe_outputs_).subspan(s.outputs_at, s.setup.output_bytes);
 }
 
 void Master::cycle(Wire& wire) {
@@ -258,13 +264,10 @@ void Master::send_frames(Wire& wire) {
 void Master::add_process_data(FrameWriter& writer, const Segment& s) {
   const auto set_outputs = [&](std::size_t at) {
     const auto first = static_cast<std::ptrdiff_t>(s.outputs_at);
-    const bool off = at == 0 || !operational_ || held_;
-    if (off) {
-      std::fill_n(sent_outputs_.begin() + first, s.output_bytes, std::uint8_t{0});
-      return;
-    }
-    std::copy_n(outputs_.begin() + first, s.output_bytes, sent_outputs_.begin() + first);
-    std::copy_n(outputs_.begin() + first, s.output_bytes, buffer_.begin() + static_cast<std::ptrdiff_t>(at));
+    if (at == 0) return;
+    const std::vector<std::uint8_t>& from = operational_ && !held_ ? outputs_ : safe_outputs_;
+    std::copy_n(from.begin() + first, s.output_bytes, sent_outputs_.begin() + first);
+    std::copy_n(from.begin() + first, s.output_bytes, buffer_.begin() + static_cast<std::ptrdiff_t>(at));
   };
   if (s.combined) {
     set_outputs(writer.add(Command::kLrw, index_, s.logical, s.output_bytes + s.input_bytes));

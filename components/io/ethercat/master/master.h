@@ -14,7 +14,8 @@ namespace cotwin::ethercat {
 ///   FRMW system time of the reference | LRW process data | BRD AL status,
 /// and reads the answers to the last ones. Slaves that leave OP are brought back with one datagram per cycle, in turn, while the others
 /// go on.
-/// Outputs are the safe value (zeros) from the first cycle without all slaves in OP and the expected working counter until all are back.
+/// Outputs are the safe ones (zeros, unless safe_outputs() was set) from the first cycle without all slaves in OP and the expected working
+/// counter until all are back. Slaves that are still in OP get them.
 /// After the constructor nothing allocates, waits or throws.
 class Master {
  public:
@@ -49,7 +50,7 @@ class Master {
   void cycle(Wire& wire);
   /// Takes answers that come until `deadline`, or until all frames have been answered. Returns whether all have been.
   bool collect(Wire& wire, std::int64_t deadline);
-  /// The end of operation: sends zeros as outputs until they have arrived, then brings all slaves to SAFEOP, to INIT, and switches SYNC0
+  /// The end of operation: sends the safe outputs until they have arrived, then brings all slaves to SAFEOP, to INIT, and switches SYNC0
   /// off. Waits for answers, at most kLongestStop altogether. Returns whether all slaves answered that they are in INIT.
   bool stop(Wire& wire);
   static constexpr std::int64_t kLongestStop = 300'000'000;  // ns
@@ -59,7 +60,11 @@ class Master {
   /// Of one slave, sent with the next cycle.
   std::span<std::uint8_t> outputs(std::size_t slave);
 
-  /// Whether zeros are sent instead of the outputs, also while the bus is operational.
+  /// Of one slave, sent instead of its outputs while the bus is not operational; zeros at first. A drive, for which zeros are no voltage, has a
+  /// quick stop here.
+  std::span<std::uint8_t> safe_outputs(std::size_t slave);
+
+  /// Whether the safe outputs are sent instead of the outputs, also while the bus is operational.
   void hold_outputs(bool held) { held_ = held; }
 
   const BusSetup& bus() const { return bus_; }
@@ -124,7 +129,7 @@ class Master {
   BusSetup bus_;
   std::int64_t patience_;
   BusTime time_;
-  std::vector<std::uint8_t> inputs_, outputs_, sent_outputs_;
+  std::vector<std::uint8_t> inputs_, outputs_, safe_outputs_, sent_outputs_;
   std::vector<Frame> frames_;  // one per segment, at least one
   std::vector<SlaveStatus> status_;
   std::vector<Recovery> recoveries_;  // per slave
