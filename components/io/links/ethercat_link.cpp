@@ -285,6 +285,7 @@ void EtherCatLink::initialise(Time start, Measured& measured) {
   std::fill(measured.dq.begin(), measured.dq.end(), 0.0);
   std::fill(measured.ddq.begin(), measured.ddq.end(), 0.0);
   measured.fresh = false;
+  last_h_ = Duration{nanoseconds(cycle_)};
   failed_ = was_operational_ = ended_ = stepped_ = bus_lost_ = false;
   stopped_ = true;
   write_statistics();
@@ -300,12 +301,13 @@ void EtherCatLink::check_cycle(Duration h) {
                                   ", expected the same (parameter cycle, or the tick of the scenario)");
 }
 
+/// A step that covers ticks that were left out is made at the last one of them: its frame is sent one cycle before its end.
 StepResult EtherCatLink::step(Time now, Duration h, const Command& command, Measured& measured) {
   check_cycle(h);
   if (field_) {
     field_->exchange();
     auto& wire = static_cast<ethercat::EmulatedWire&>(*wire_);
-    wire.advance_to(zero_ + now.ns);
+    wire.advance_to(zero_ + std::max(now.ns, (now + h).ns - nanoseconds(cycle_)));
     field_->apply(wire.now());
   }
   acknowledgement_.decide(operational_);
@@ -320,8 +322,10 @@ StepResult EtherCatLink::step(Time now, Duration h, const Command& command, Meas
     field_->exchange();
   }
   measured.fresh = master_->fresh();
-  for (const std::size_t i : encoders_) devices_[i].encoder->advance(h.seconds());
-  drives_.wait(h.seconds(), patience());
+  // The answers are those to the frame of the step before, whose time ended one cycle before that of this step.
+  const double between = std::exchange(last_h_, h).seconds();
+  for (const std::size_t i : encoders_) devices_[i].encoder->advance(between);
+  drives_.wait(between, patience());
   if (measured.fresh) read_devices();
   if (measured.fresh) drives_.read(*master_);
   measure(measured);

@@ -69,6 +69,7 @@ class EtherCatLink final : public Link {
   std::unique_ptr<Source> source_;
   bool failed_ = false, was_operational_ = false;  // at some time of the run: told at its end
   bool stepped_ = false, ended_ = false, stopped_ = true;
+  Duration last_h_;        // of the step before
   std::int64_t zero_ = 0;  // of the emulated bus: its time at scenario time 0, ns
 
   // Parameters.
