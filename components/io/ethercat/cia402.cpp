@@ -112,7 +112,7 @@ void Axis::forget() {
   state_ = State::kNotReady;
   last_ = 0;
   reset_ = Reset::kNone;
-  was_on_ = fell_ = false;
+  was_on_ = fell_ = rests_ = false;
 }
 
 Command Axis::command(Wish wish) {
@@ -124,7 +124,8 @@ Command Axis::command(Wish wish) {
     return reset_ == Reset::kHold ? Command::kFaultReset : Command::kDisableVoltage;
   }
   const bool enabled = state_ == State::kOperationEnabled;
-  if (wish == Wish::kStop) return enabled || state_ == State::kQuickStop ? Command::kQuickStop : Command::kDisableVoltage;
+  if (state_ == State::kQuickStop && (wish == Wish::kStop || !rests_)) return Command::kQuickStop;
+  if (wish == Wish::kStop) return enabled ? Command::kQuickStop : Command::kDisableVoltage;
   if (wish == Wish::kOff) return enabled || state_ == State::kSwitchedOn ? Command::kShutdown : Command::kDisableVoltage;
   switch (state_) {
     case State::kSwitchOnDisabled:
@@ -139,7 +140,8 @@ Command Axis::command(Wish wish) {
   }
 }
 
-void Axis::see(std::uint16_t status_word) {
+void Axis::see(std::uint16_t status_word, bool rests) {
+  rests_ = rests;
   const State before = std::exchange(state_, state_of(status_word));
   fell_ = was_on_ && before == State::kOperationEnabled && state_ != State::kOperationEnabled;
   if (state_ != State::kFault) reset_ = Reset::kNone;  // a later fault is another one

@@ -66,12 +66,13 @@ enum class Wish : std::uint8_t { kOff, kStop, kOn };
 /// The side of a master: brings a drive to the wished state, one step of the standard at a time. It never resets a fault by itself.
 class Axis {
  public:
-  /// Takes the status word that the drive gave last, once in each cycle, before control().
-  void see(std::uint16_t status_word);
+  /// Takes the status word that the drive gave last, once in each cycle, before control(). `rests`: its axis stands.
+  void see(std::uint16_t status_word, bool rests);
   /// The control word of this cycle.
   ///   kOn    up to Operation enabled. From Quick stop active it goes over Switch on disabled: the drive then begins anew.
   ///   kStop  a quick stop of an enabled drive; voltage off in every other state
   ///   kOff   the drive is shut down, and voltage is off
+  /// A quick stop that has begun is never cut short: kOn and kOff take effect when the drive has left it or its axis rests.
   std::uint16_t control(Wish wish);
   /// Resets the fault that the drive has now, with one rising edge: a drive whose cause has not gone stays in its fault, also when the
   /// cause goes later.
@@ -90,7 +91,7 @@ class Axis {
   State state_ = State::kNotReady;
   std::uint16_t last_ = 0;                                                           // control word
   enum class Reset : std::uint8_t { kNone, kRelease, kHold } reset_ = Reset::kNone;  // bit 7: 0, 0 for a cycle, 1
-  bool was_on_ = false, fell_ = false;
+  bool was_on_ = false, fell_ = false, rests_ = false;
 };
 
 /// The homing of an enabled drive: mode homing, its start, and back to the mode before.

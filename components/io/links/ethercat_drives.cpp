@@ -5,10 +5,6 @@
 #include <numbers>
 #include <utility>
 
-#include "components/io/link/finite.h"
-#include "models/foundation/support/choice.h"
-#include "models/foundation/support/error.h"
-#include "models/foundation/support/text.h"
 
 namespace cotwin::io {
 
@@ -18,15 +14,19 @@ namespace object = cia402::object;
 using cia402::State;
 using cia402::Wish;
 
-constexpr double kNoLimit = 1e9;     // rad, N.m
-constexpr double kReset = 0.5;       // s that a drive has to leave its fault after acknowledge has risen
-constexpr double kMostGain = 0.2;    // of K_v · cycle: three cycles of delay leave a phase margin of more than 45 degrees
-constexpr double kLeastStep = 1e-4;  // s
+constexpr double kReset = 0.5;          // s that a drive has to leave its fault after acknowledge has risen
+constexpr double kLeastStep = 1e-4;     // s
+constexpr double kStood = 0.1;          // s within kStandsWithin after which an axis rests
+constexpr double kStandsWithin = 1e-3;  // rad
+constexpr double kCreeps = 1e-3;        // rad/s
 
 constexpr const char* kFell = "left Operation enabled by itself";
 constexpr const char* kHolds = "did not follow its target any more, or left its mode";
 constexpr const char* kNotHomed = "did not find its home";
 constexpr const char* kFaulty = "has a fault";
+constexpr const char* kNotEnabled = "was not enabled within enable_timeout (safe torque off, no mains voltage?)";
+constexpr const char* kBehind = "was further from its target than following_error_max";
+constexpr const char* kLeft = "was moved out of q_command_min to q_command_max by its torque";
 constexpr const char* kJumped = "gave a position that no motion explains";
 
 std::int32_t signed_value(std::uint32_t value, std::size_t bits) {
@@ -43,179 +43,10 @@ std::int32_t rounded(double value, std::size_t bits) {
 
 }  // namespace
 
-EtherCatDrives::Place EtherCatDrives::find(const std::vector<ethercat::Channel>& channels, std::uint16_t object) {
-  const auto found =
-      std::ranges::find_if(channels, [&](const ethercat::Channel& c) { return c.index == object && c.subindex == 0; });
-  return found == channels.end() ? Place{} : Place{found->bit, found->bits};
-}
-
-EtherCatDrives::EtherCatDrives(const std::vector<SlaveChoice>& slaves, const std::vector<std::size_t>& joint_of,
-                               const std::vector<trajectory::Axis>& joints, const std::string& place)
-    : place_(place), synchronisation_(0), jumps_(0) {
-  for (std::size_t i = 0; i < slaves.size(); ++i) {
-    const SlaveChoice& s = slaves[i];
-    if (s.kind != SlaveChoice::Kind::kDrive) continue;
-    Drive d;
-    d.slave = i;
-    d.joint = joint_of[i];
-    d.name = s.name;
-    const auto &out = s.setup.outputs, &in = s.setup.inputs;
-    d.control = find(out, object::kControlWord);
-    d.mode = find(out, object::kMode);
-    d.target_position = find(out, object::kTargetPosition);
-    d.target_velocity = find(out, object::kTargetVelocity);
-    d.target_torque = find(out, object::kTargetTorque);
-    d.status = find(in, object::kStatusWord);
-    d.mode_display = find(in, object::kModeDisplay);
-    d.position = find(in, object::kPosition);
-    d.velocity = find(in, object::kVelocity);
-    d.torque = find(in, object::kTorque);
-    d.error = find(in, object::kErrorCode);
-    const char* const lacks = d.control.bits != 16    ? "0x6040 (control word, 16 bits) in its outputs"
-                              : d.status.bits != 16   ? "0x6041 (status word, 16 bits) in its inputs"
-                              : d.position.bits != 32 ? "0x6064 (position, 32 bits) in its inputs"
-                                                      : nullptr;
-    if (lacks != nullptr) {
-      throw Error(place_ + ": slave " + s.name,
-                  "the process data of the " + s.device + " have no object " + lacks + ", expected a drive with it");
-    }
-    const trajectory::Axis& axis = joints[d.joint];
-    dq_command_max_.push_back(std::min(kSafeSpeed, finite(axis.dq_max, kSafeSpeed)));
-    q_command_min_.push_back(finite(axis.q_min, -kNoLimit));
-    q_command_max_.push_back(finite(axis.q_max, kNoLimit));
-    drives_.push_back(std::move(d));
-  }
-  const std::size_t n = drives_.size();
-  synchronisation_ = Synchronisation(n);
-  jumps_ = JumpDetector(n);
-  for (std::vector<double>* values : {&q_, &q_wanted_, &q_target_, &tau_target_, &no_gain_, &dq_scale_, &tau_scale_})
-    values->resize(n);
-  tau_command_max_.resize(n, kNoLimit);
-  home_ = std::make_unique<bool[]>(n);
-  homed_ = std::make_unique<bool[]>(n);
-  home_before_.resize(n);
-  for (std::vector<std::int32_t>* values : {&state_, &error_, &warning_}) values->resize(n);
-}
-
-Link::Needs EtherCatDrives::needs() const {
-  return {mode_text_ == "position" || mode_text_ == "velocity", mode_text_ == "torque"};
-}
-
-void EtherCatDrives::declare(Variables& v, JointVariables& joints) {
-  if (empty()) return;
-  v.parameter("drive_mode", mode_text_,
-              "what the drives (CiA 402) do: monitor (they stay off), position (csp), velocity (csv) or torque (cst)");
-  v.input("enable", enable_, "the drives are enabled with drive_mode other than monitor; false: they are shut down");
-  v.input("quick_stop", quick_stop_, "stops all drives at once; they are enabled again when it is false and acknowledge rises");
-  v.input(
-      "home", std::span<bool>(home_.get(), drives_.size()),
-      "of each drive: a rising edge while all drives are enabled and stand makes it find its home (objects 0x6098, 0x6099)");
-  v.output("homed", std::span<bool>(homed_.get(), drives_.size()), "of each drive: it has found its home since the start");
-  v.output("drives_enabled", enabled_, "whether all drives are enabled and follow the commands");
-  v.output("drive_state", state_,
-           "state of each drive: 0 not ready, 1 switch on disabled, 2 ready to switch on, 3 switched on, 4 operation enabled, "
-           "5 quick stop, 6 fault reaction, 7 fault");
-  v.output("drive_error", error_, "error code of each drive (object 0x603F); 0: none, or not in its process data");
-  v.output("drive_limits", warning_, "of each drive: 1 a limit within the drive acts, 2 it warns, 3 both");
-  joints
-      .parameter("dq_command_max", dq_command_max_, "rad/s",
-                 "of each drive: speed limit of commands, at first the URDF's, but at most 0.5 rad/s")
-      .range(1e-6, 1e9);
-  joints.parameter("q_command_min", q_command_min_, "rad", "of each drive: lower limit of commanded positions, from the URDF")
-      .range(-kNoLimit, kNoLimit);
-  joints.parameter("q_command_max", q_command_max_, "rad", "of each drive: upper limit of commanded positions, from the URDF")
-      .range(-kNoLimit, kNoLimit);
-  joints.parameter("tau_command_max", tau_command_max_, "N.m", "of each drive: limit of commanded torques").range(0, kNoLimit);
-  joints
-      .parameter("dq_scale", dq_scale_, "rad/s",
-                 "of each drive: joint speed per unit of its velocity; 0: q_scale, for counts/s")
-      .range(-kNoLimit, kNoLimit);
-  joints
-      .parameter("tau_scale", tau_scale_, "N.m",
-                 "of each drive: joint torque per unit of its torque, 1/1000 of the rated torque; 0: not known")
-      .range(-kNoLimit, kNoLimit);
-  v.parameter("ddq_command_max", ddq_command_max_, "rad/s2", "limit of the acceleration of commands").range(1e-3, 1e9);
-  v.parameter("K_v", K_v_, "1/s", "drive_mode=velocity: gain of the position").range(0, 1e4);
-}
-
-cia402::Mode EtherCatDrives::profile_mode() const {
-  switch (mode_) {
-    case Mode::kPosition:
-      return cia402::Mode::kPosition;
-    case Mode::kVelocity:
-      return cia402::Mode::kVelocity;
-    case Mode::kTorque:
-      return cia402::Mode::kTorque;
-    case Mode::kMonitor:
-      break;
-  }
-  return cia402::Mode::kNone;
-}
-
-/// The object that the mode needs and the outputs of the drive lack; nullptr: none.
-const char* EtherCatDrives::missing(const Drive& d) const {
-  if (mode_ == Mode::kPosition && d.target_position.bits != 32) return "0x607A (target position, 32 bits)";
-  if (mode_ == Mode::kVelocity && d.target_velocity.bits != 32) return "0x60FF (target velocity, 32 bits)";
-  if (mode_ == Mode::kTorque && d.target_torque.bits != 16) return "0x6071 (target torque, 16 bits)";
-  return nullptr;
-}
-
-void EtherCatDrives::initialise(double cycle, std::span<const double> q_scale, std::span<const double> q_offset,
-                                const Acknowledgement& acknowledgement) {
-  mode_ = text::choose<Mode>(
-      place_ + ": drive_mode", mode_text_,
-      {{"monitor", Mode::kMonitor}, {"position", Mode::kPosition}, {"velocity", Mode::kVelocity}, {"torque", Mode::kTorque}});
-  if (drives() && acknowledgement.is_automatic()) {
-    throw Error(place_ + ": restart", "automatic with drive_mode=" + mode_text_ +
-                                          ", expected acknowledged: after a loss or a fault no drive may move by itself");
-  }
-  if (mode_ == Mode::kVelocity && K_v_ * cycle > kMostGain) {
-    throw Error(place_ + ": K_v", text::to_text(K_v_) + " with a cycle of " + text::to_text(cycle) + " s, expected at most " +
-                                      text::to_text(kMostGain / cycle, 4) + ": the loop over the bus would swing");
-  }
-  q_scale_ = q_scale;
-  q_offset_ = q_offset;
-  for (std::size_t k = 0; k < drives_.size(); ++k) {
-    Drive& d = drives_[k];
-    const std::string place = place_ + ": slave " + d.name;
-    if (q_scale_[d.joint] == 0) throw Error(place, "q_scale of its joint is 0, expected the joint position per count");
-    if (const char* const lacks = missing(d); lacks != nullptr) {
-      throw Error(place, "its outputs have no object " + std::string(lacks) + ", which drive_mode=" + mode_text_ + " needs");
-    }
-    if (mode_ == Mode::kTorque && tau_scale_[k] == 0) {
-      throw Error(place, "tau_scale is 0, expected the joint torque per unit of its torque for drive_mode=torque");
-    }
-    d.axis.forget();
-    d.homing = {};
-    home_before_[k] = true;  // an input that is on at the start has not risen
-    homed_[k] = false;
-    d.status_word = 0;
-    d.known = false;
-    d.error_code = d.mode_shown = 0;
-    d.speed = d.torque_units = 0;
-  }
-  awaited_ = follows_ = jumped_ = fresh_ = false;
-  since_acknowledged_ = kReset;
-  silent_ = elapsed_ = 0;
-  stops_ = 0;
-  stopped_by_ = "";
-  jumps_.forget();
-  write_outputs();
-}
-
-void EtherCatDrives::add_start_up(std::vector<ethercat::ExpectedSlave>& expected) const {
-  if (!drives()) return;
-  for (const Drive& d : drives_) {
-    std::vector<ethercat::StartUpValue>& values = expected[d.slave].start_up;
-    const bool given = std::ranges::any_of(values, [](const auto& value) { return value.index == object::kMode; });
-    if (d.mode.bits != 0 || given) continue;
-    values.push_back({object::kMode, 0, {static_cast<std::uint8_t>(profile_mode())}, false, "drive_mode=" + mode_text_});
-  }
-}
-
 Wish EtherCatDrives::wish(bool awaits) const {
-  if (!drives() || !enable_) return Wish::kOff;
-  return awaits || quick_stop_ ? Wish::kStop : Wish::kOn;
+  if (!drives()) return Wish::kOff;
+  if (awaits || quick_stop_) return Wish::kStop;
+  return enable_ ? Wish::kOn : Wish::kOff;
 }
 
 /// Whether something has happened after which drives must not move before somebody acknowledges it.
@@ -226,8 +57,13 @@ bool EtherCatDrives::has_stopped() {
     return true;
   };
   if (std::exchange(jumped_, false)) return stops(drives_.front(), kJumped);
-  for (const Drive& d : drives_) {
-    if (d.axis.fell()) return stops(d, kFell);
+  for (std::size_t k = 0; k < drives_.size(); ++k) {
+    const Drive& d = drives_[k];
+    const bool enabled = d.axis.state() == State::kOperationEnabled;
+    if (d.axis.fell() || (were_enabled_ && !enabled)) return stops(d, kFell);
+    if (enabling_ > enable_timeout_ && !(enabled && takes_targets(d))) return stops(d, kNotEnabled);
+    if (is_behind(k)) return stops(d, kBehind);
+    if (leaves_range(k)) return stops(d, kLeft);
     if (d.homing.has_failed()) return stops(d, kNotHomed);
     // It would jump to its target when it follows again.
     if (follows_ && !takes_targets(d)) return stops(d, kHolds);
@@ -235,6 +71,25 @@ bool EtherCatDrives::has_stopped() {
     if (faulty && since_acknowledged_ >= kReset) return stops(d, kFaulty);
   }
   return false;
+}
+
+/// A drive that becomes able to be enabled long after somebody wished it must not move then.
+void EtherCatDrives::advance_enabling(bool on, double h) {
+  were_enabled_ = on && (were_enabled_ || all_enabled());
+  enabling_ = on && !were_enabled_ ? enabling_ + h : 0;
+}
+
+/// Positions and speeds: what the target would do to an axis that is released far from it.
+bool EtherCatDrives::is_behind(std::size_t k) const {
+  return follows_ && mode_ != Mode::kTorque && std::abs(q_target_[k] - q_[k]) > following_error_max_[k];
+}
+
+/// Torques: whether an axis is outside of its range and moves, or is driven, further out.
+bool EtherCatDrives::leaves_range(std::size_t k) const {
+  if (!follows_ || mode_ != Mode::kTorque) return false;
+  const double speed = drives_[k].speed, tau = tau_target_[k];
+  if (q_[k] > q_command_max_[k]) return speed > kCreeps || tau > 0;
+  return q_[k] < q_command_min_[k] && (speed < -kCreeps || tau < 0);
 }
 
 /// Whether an enabled drive is in the mode and follows its target.
@@ -251,14 +106,16 @@ bool EtherCatDrives::all_enabled() const {
 void EtherCatDrives::write(ethercat::Master& master, const Command& command, double h, Acknowledgement& acknowledgement) {
   if (empty()) return;
   const bool operational = master.operational();
-  for (Drive& d : drives_) operational ? d.axis.see(d.status_word) : d.axis.forget();
+  for (Drive& d : drives_) operational ? d.axis.see(d.status_word, d.stood >= kStood) : d.axis.forget();
   since_acknowledged_ = std::min(since_acknowledged_ + h, kReset);
   if (awaited_ && !acknowledgement.awaits()) {
     since_acknowledged_ = 0;
     for (Drive& d : drives_) d.axis.reset_fault();
   }
   if (quick_stop_ && drives()) acknowledgement.demand();
-  if (wish(acknowledgement.awaits()) == Wish::kOn && has_stopped()) {
+  const bool on = wish(acknowledgement.awaits()) == Wish::kOn;
+  advance_enabling(on, h);
+  if (on && has_stopped()) {
     ++stops_;
     acknowledgement.demand();
   }
@@ -269,7 +126,7 @@ void EtherCatDrives::write(ethercat::Master& master, const Command& command, dou
     d.control_word = operational ? static_cast<std::uint16_t>(d.axis.control(wanted) | d.homing.control_bits()) : 0;
   }
   choose_targets(command, h, wanted == Wish::kOn && !homes() && all_enabled());
-  for (std::size_t k = 0; k < drives_.size(); ++k) write_targets(master.outputs(drives_[k].slave), k);
+  for (std::size_t k = 0; k < drives_.size(); ++k) write_targets(master, k);
   write_outputs();
 }
 
@@ -312,24 +169,38 @@ void EtherCatDrives::choose_targets(const Command& command, double h, bool follo
   }
   if (!follows || !follows_) synchronisation_.start(q_target_);
   follows_ = follows;
-  if (!follows) return;
-  synchronisation_.command(q_wanted_, {no_gain_, no_gain_, dq_command_max_, ddq_command_max_}, std::max(h, kLeastStep));
+  if (!follows) {
+    std::ranges::fill(tau_target_, 0.0);
+    return;
+  }
+  h = std::clamp(h, kLeastStep, std::max(cycle_, kLeastStep));  // the bus gets one target for a longer step, too
+  synchronisation_.command(q_wanted_, {no_gain_, no_gain_, dq_command_max_, ddq_command_max_}, h);
   for (std::size_t k = 0; k < drives_.size(); ++k) {
     Drive& d = drives_[k];
     q_target_[k] = synchronisation_.last()[k];
     const double tau = command.tau[d.joint];
-    if (std::isfinite(tau)) tau_target_[k] = std::clamp(tau, -tau_command_max_[k], tau_command_max_[k]);
+    tau_target_[k] = std::isfinite(tau) ? std::clamp(tau, -tau_command_max_[k], tau_command_max_[k]) : 0;
     const double counts = (q_target_[k] - q_offset_[d.joint]) / q_scale_[d.joint];
     if (mode_ == Mode::kPosition && std::abs(counts) < 9e18) d.held = std::llround(counts);
     if (mode_ != Mode::kPosition) d.held = d.counts;
   }
 }
 
-void EtherCatDrives::write_targets(std::span<std::uint8_t> out, std::size_t k) {
-  const Drive& d = drives_[k];
+void EtherCatDrives::write_image(std::span<std::uint8_t> out, const Drive& d, std::uint16_t control, std::int64_t position,
+                                 double speed, double torque) const {
   const auto write = [&](const Place& place, std::int64_t value) {
     if (place.bits != 0) write_bits(out, place.bit, place.bits, static_cast<std::uint32_t>(value));
   };
+  write(d.control, control);
+  write(d.mode, static_cast<std::int64_t>(d.homing.mode(profile_mode())));
+  write(d.target_position, position);
+  write(d.target_velocity, rounded(speed, 32));
+  write(d.target_torque, rounded(torque, 16));
+  for (const Constant& c : d.constants) write(c.place, c.value == kNotGiven ? 0 : c.value);
+}
+
+void EtherCatDrives::write_targets(ethercat::Master& master, std::size_t k) {
+  const Drive& d = drives_[k];
   double speed = 0, torque = 0;
   if (follows_ && mode_ == Mode::kVelocity) {
     const double q = q_scale_[d.joint] * static_cast<double>(d.counts) + q_offset_[d.joint];
@@ -337,11 +208,8 @@ void EtherCatDrives::write_targets(std::span<std::uint8_t> out, std::size_t k) {
     speed = std::clamp(dq, -dq_command_max_[k], dq_command_max_[k]) / dq_scale_of(k);
   }
   if (follows_ && mode_ == Mode::kTorque) torque = synchronisation_.share() * tau_target_[k] / tau_scale_[k];
-  write(d.control, d.control_word);
-  write(d.mode, static_cast<std::int64_t>(d.homing.mode(profile_mode())));
-  write(d.target_position, d.held);
-  write(d.target_velocity, rounded(speed, 32));
-  write(d.target_torque, rounded(torque, 16));
+  write_image(master.outputs(d.slave), d, d.control_word, d.held, speed, torque);
+  write_image(master.safe_outputs(d.slave), d, cia402::control_of(cia402::Command::kQuickStop), d.counts, 0, 0);
 }
 
 double EtherCatDrives::dq_scale_of(std::size_t k) const {
@@ -379,6 +247,9 @@ void EtherCatDrives::read(const ethercat::Master& master) {
     d.raw = raw;
     d.known = true;
     q_[k] = q_scale_[d.joint] * static_cast<double>(d.counts) + q_offset_[d.joint];
+    const bool moved = std::abs(q_[k] - d.stood_at) > std::max(kStandsWithin, 2 * std::abs(q_scale_[d.joint]));
+    if (moved) d.stood_at = q_[k];
+    d.stood = moved ? 0 : d.stood + elapsed_;
   }
   jumped_ = jumps_.add(q_, elapsed_) || jumped_;
   last_elapsed_ = elapsed_;
@@ -411,11 +282,11 @@ bool EtherCatDrives::stop(ethercat::Master& master) {
   bool moves = false;
   for (std::size_t k = 0; k < drives_.size(); ++k) {
     Drive& d = drives_[k];
-    master.operational() ? d.axis.see(d.status_word) : d.axis.forget();
+    master.operational() ? d.axis.see(d.status_word, d.stood >= kStood) : d.axis.forget();
     d.control_word = d.axis.control(Wish::kStop);
     follows_ = false;
     d.held = d.counts;
-    write_targets(master.outputs(d.slave), k);
+    write_targets(master, k);
     moves = moves || d.axis.state() == State::kOperationEnabled || d.axis.state() == State::kQuickStop;
   }
   return moves;

@@ -1,5 +1,6 @@
 #pragma once
 #include <cstdint>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <span>
@@ -14,6 +15,10 @@
 #include "components/io/links/synchronisation.h"
 #include "models/trajectory/axes.h"
 
+namespace cotwin::robot {
+struct RobotModel;
+}
+
 namespace cotwin::io {
 
 /// The drives with the profile CiA 402 on a bus (ethercat/cia402.h), each of which moves a joint, in the modes csp, csv and cst:
@@ -22,13 +27,15 @@ namespace cotwin::io {
 ///   torque     target = tau_command, within its limit, with the soft start
 /// A rising edge of `home` makes a drive find its zero, as its objects 0x6098 and 0x6099 say, while the others hold.
 /// Nothing moves by itself. A drive is enabled with mode other than monitor while the input `enable` is on; all drives are enabled before one moves;
-/// a target begins where the drive is and stays there until then. A fault, a drive that leaves Operation enabled by itself, a jump of a position, the input
-/// quick_stop and a loss of the bus stop all drives (quick stop; at a loss they stop by themselves) until `acknowledge` rises, which also resets faults, once.
+/// a target begins where the drive is and stays there until then. Drives that are not enabled in time, a fault, a drive that leaves Operation enabled by
+/// itself, a jump of a position, one far from its target, the input quick_stop and a loss of the bus stop all drives (quick stop; drives that the bus
+/// does not reach stop by themselves) until `acknowledge` rises, which also resets faults, once.
 class EtherCatDrives {
  public:
-  /// `joints`: of the unit. `joint_of[i]`: joint of slave i, if it is a drive. Throws Error for a drive whose process data lack an object.
+  /// `joints`: of the unit. `robot`: for the limits of torques; may be nullptr. `joint_of[i]`: joint of slave i, if it is a drive. Throws Error for
+  /// a drive whose process data lack an object, or have one that is not supported.
   EtherCatDrives(const std::vector<SlaveChoice>& slaves, const std::vector<std::size_t>& joint_of,
-                 const std::vector<trajectory::Axis>& joints, const std::string& place);
+                 const std::vector<trajectory::Axis>& joints, const robot::RobotModel* robot, const std::string& place);
 
   bool empty() const { return drives_.empty(); }
   void declare(Variables& v, JointVariables& joints);
@@ -41,9 +48,10 @@ class EtherCatDrives {
 
   /// Whether the drives follow the commands.
   bool drives() const { return mode_ != Mode::kMonitor; }
-  /// Writes the outputs of the next cycle; demands an acknowledgement if a drive has stopped. `h`: s since the last one.
+  /// Writes the outputs of the next cycle, and the safe ones: a quick stop. Demands an acknowledgement if a drive has stopped. `h`: s since the
+  /// last call; targets move by at most one cycle of the bus.
   void write(ethercat::Master& master, const Command& command, double h, Acknowledgement& acknowledgement);
-  /// Time passes, s, up to the next read(): nothing is known of the drives after `patience` without one.
+  /// Time between the frames whose answers have come last, s, before read(): nothing is known of the drives after `patience` without one.
   void wait(double h, double patience);
   /// Takes fresh inputs.
   void read(const ethercat::Master& master);
@@ -58,11 +66,20 @@ class EtherCatDrives {
   struct Place {
     std::size_t bit = 0, bits = 0;  // bits = 0: nowhere
   };
+  /// An output with a constant value.
+  struct Constant {
+    Place place;
+    std::string port, object;
+    std::int32_t value = 0;
+  };
+  static constexpr std::int32_t kNotGiven = std::numeric_limits<std::int32_t>::min();
+  static constexpr double kLargestFollowingError = 0.2;  // rad
   struct Drive {
     std::size_t slave = 0, joint = 0;
     std::string name;
     Place control, mode, target_position, target_velocity, target_torque;
     Place status, mode_display, position, velocity, torque, error;
+    std::vector<Constant> constants;
     cia402::Axis axis;
     cia402::Homing homing;
     std::uint16_t status_word = 0, control_word = 0;
@@ -73,9 +90,13 @@ class EtherCatDrives {
     std::int64_t held = 0;    // target while it does not follow, counts
     double speed = 0;         // rad/s
     double torque_units = 0;  // of the drive
+    double stood_at = 0;      // rad
+    double stood = 0;         // s for which it has been near `stood_at`
   };
 
   static Place find(const std::vector<ethercat::Channel>& channels, std::uint16_t object);
+  void add_constants(const SlaveChoice& s, Drive& d) const;
+  void check_constants(const Drive& d) const;
   const char* missing(const Drive& d) const;
   cia402::Mode profile_mode() const;
   cia402::Wish wish(bool awaits) const;
@@ -85,7 +106,12 @@ class EtherCatDrives {
   bool takes_targets(const Drive& d) const;
   bool all_enabled() const;
   void choose_targets(const Command& command, double h, bool follows);
-  void write_targets(std::span<std::uint8_t> out, std::size_t k);
+  void advance_enabling(bool on, double h);
+  bool is_behind(std::size_t k) const;
+  bool leaves_range(std::size_t k) const;
+  void write_image(std::span<std::uint8_t> out, const Drive& d, std::uint16_t control, std::int64_t position, double speed,
+                   double torque) const;
+  void write_targets(ethercat::Master& master, std::size_t k);
   double dq_scale_of(std::size_t k) const;
   void write_outputs();
 
@@ -96,6 +122,9 @@ class EtherCatDrives {
   Mode mode_ = Mode::kMonitor;
   std::span<const double> q_scale_, q_offset_;  // per joint of the unit
   bool awaited_ = false, follows_ = false, jumped_ = false, fresh_ = false;
+  bool were_enabled_ = false;                   // all, since they were wished on
+  double enabling_ = 0;                         // s for which they were wished on before that
+  double cycle_ = 1e-3;                         // s
   double since_acknowledged_ = 0, silent_ = 0;  // s
   double elapsed_ = 0, last_elapsed_ = 0;       // s since the last inputs, and between the last two
   std::int32_t stops_ = 0;
@@ -108,8 +137,9 @@ class EtherCatDrives {
   bool enable_ = true, quick_stop_ = false;
   std::unique_ptr<bool[]> home_, homed_;  // input and output
   std::vector<bool> home_before_;
-  std::vector<double> dq_command_max_, q_command_min_, q_command_max_, tau_command_max_, dq_scale_, tau_scale_;
-  double ddq_command_max_ = kSafeAcceleration, K_v_ = 10;
+  std::vector<double> dq_command_max_, q_command_min_, q_command_max_, tau_command_max_, dq_scale_, tau_scale_,
+      following_error_max_;
+  double ddq_command_max_ = kSafeAcceleration, K_v_ = 10, enable_timeout_ = 2;
   // Outputs.
   std::vector<std::int32_t> state_, error_, warning_;
   bool enabled_ = false;

@@ -95,7 +95,7 @@ EtherCatLink::EtherCatLink(Settings& settings, const std::vector<trajectory::Axi
       devices_(slaves_.size()),
       joint_of_(joints_of(slaves_, joints.size(), kEtherCatPlace)),
       n_(joints.size()),
-      drives_(slaves_, joint_of_, joints, kEtherCatPlace),
+      drives_(slaves_, joint_of_, joints, settings.robot_used().get(), kEtherCatPlace),
       q_scale_(n_, 1.0),
       q_offset_(n_),
       state_(slaves_.size()),

@@ -107,7 +107,7 @@ TEST(Cia402, MakesTheTransitionsOfTheStandardAndNoOthers) {
 struct Drive {
   State state = S::kSwitchOnDisabled;
   std::uint16_t control = 0;
-  bool cause = false;
+  bool cause = false, rests = true;
 
   void take(std::uint16_t word) {
     state = after(state, command_of(word, control), cause);
@@ -115,7 +115,7 @@ struct Drive {
   }
   void cycles(Axis& axis, Wish wish, int n) {
     for (int i = 0; i < n; ++i) {
-      axis.see(status_of(state));
+      axis.see(status_of(state), rests);
       take(axis.control(wish));
     }
   }
@@ -138,7 +138,7 @@ TEST(Cia402Axis, NeverEnablesADriveThatIsToBeOffOrToStop) {
       Drive drive{from};
       Axis axis;
       for (int i = 0; i < 6; ++i) {
-        axis.see(status_of(drive.state));
+        axis.see(status_of(drive.state), true);
         const std::uint16_t word = axis.control(wish);
         EXPECT_NE(command_of(word, 0), C::kEnableOperation);
         EXPECT_NE(command_of(word, 0), C::kFaultReset);
@@ -148,6 +148,22 @@ TEST(Cia402Axis, NeverEnablesADriveThatIsToBeOffOrToStop) {
       const bool waits = from == S::kNotReady || from == S::kFaultReaction || from == S::kFault;
       EXPECT_EQ(drive.state, stops ? S::kQuickStop : waits ? from : S::kSwitchOnDisabled) << static_cast<int>(from);
     }
+  }
+}
+
+TEST(Cia402Axis, NeverCutsAQuickStopShort) {
+  for (const Wish wish : {Wish::kOff, Wish::kStop, Wish::kOn}) {
+    Drive drive{S::kQuickStop};
+    drive.rests = false;
+    Axis axis;
+    for (int i = 0; i < 20; ++i) {
+      drive.cycles(axis, wish, 1);
+      ASSERT_EQ(drive.control, control_of(C::kQuickStop)) << static_cast<int>(wish);
+    }
+    drive.rests = true;
+    drive.cycles(axis, wish, 5);
+    const S end = wish == Wish::kOn ? S::kOperationEnabled : wish == Wish::kOff ? S::kSwitchOnDisabled : S::kQuickStop;
+    EXPECT_EQ(drive.state, end) << static_cast<int>(wish);
   }
 }
 
@@ -180,10 +196,10 @@ TEST(Cia402Axis, SaysOnceThatADriveLeftOperationByItself) {
     Drive drive;
     Axis axis;
     drive.cycles(axis, Wish::kOn, 5);
-    axis.see(status_of(to));
+    axis.see(status_of(to), true);
     EXPECT_TRUE(axis.fell());
     axis.control(Wish::kOn);
-    axis.see(status_of(to));
+    axis.see(status_of(to), true);
     EXPECT_FALSE(axis.fell());
   }
   Drive drive;
@@ -201,7 +217,7 @@ TEST(Cia402Axis, StaysSafeWithAnyStatusWords) {
   std::uint16_t before = 0;
   for (int i = 0; i < 200'000; ++i) {
     const auto wish = static_cast<Wish>(random() % 3);
-    axis.see(static_cast<std::uint16_t>(random()));
+    axis.see(static_cast<std::uint16_t>(random()), random() % 2 == 0);
     const std::uint16_t word = axis.control(wish);
     const Command command = command_of(word, before);
     ASSERT_TRUE(wish == Wish::kOn || command != C::kEnableOperation);

@@ -11,6 +11,7 @@
 
 #include "components/io/emulators/ethercat/servo_drive.h"
 #include "components/unit/unit_table.h"
+#include "tests/components/io/ethercat/drive_axes.h"
 #include "tests/support/allocations.h"
 #include "tests/support/error_of.h"
 #include "tests/support/files.h"
@@ -19,67 +20,9 @@
 namespace cotwin::io {
 namespace {
 
-namespace fs = std::filesystem;
 using cotwin::testing::error_of;
 using ::testing::Contains;
 using ::testing::HasSubstr;
-
-constexpr double kScale = 1e-5;  // rad per count
-constexpr int kOff = 1, kEnabled = 4, kFault = 7;
-
-/// Two axes that stand at 0.5 and −0.2 rad when the run begins.
-struct Axes {
-  explicit Axes(const std::string& mode, const std::string& settings = "")
-      : instance(make_unit("unit:io?joints=2&link=ethercat&slaves=EK1100,q1:DRIVE402,q2:DRIVE402,valves:EL2809" + settings, {},
-                           {fs::path(places::source()) / "models"}, unit_types())) {
-    set("drive_mode", mode);
-    set("q_scale", "1e-5 1e-5");
-    set("q1_start", "50000");
-    set("q2_start", "-20000");
-    set("q_command", "0.5 -0.2");
-  }
-  void set(const std::string& name, const std::string& value) { assign_text(instance.variables.at(name), value); }
-  void command(double q1, double q2) {
-    instance.variables.at("q_command").reals()[0] = q1;
-    instance.variables.at("q_command").reals()[1] = q2;
-  }
-  double real(const std::string& name, std::size_t i = 0) { return instance.variables.at(name).reals()[i]; }
-  int integer(const std::string& name, std::size_t i = 0) { return instance.variables.at(name).integers()[i]; }
-  bool boolean(const std::string& name, std::size_t i = 0) { return instance.variables.at(name).booleans()[i]; }
-  /// Position of an axis behind its drive, rad.
-  double axis(int i) { return kScale * real(i == 0 ? "q1_field" : "q2_field"); }
-  void start() { instance.unit->initialise(now); }
-  void steps(int n) {
-    for (int i = 0; i < n; ++i, now = now + kTick) {
-      const double before[] = {axis(0), axis(1)};
-      ASSERT_EQ(instance.unit->step(now, kTick), StepResult::kDone);
-      for (int k = 0; k < 2; ++k) {
-        const double speed = (axis(k) - before[k]) / kTick.seconds();
-        fastest = std::max(fastest, std::abs(speed));
-        hardest = std::max(hardest, std::abs(speed - speeds[k]) / kTick.seconds());
-        speeds[k] = speed;
-      }
-    }
-  }
-  bool enables() {
-    for (int n = 0; n < 300 && !boolean("drives_enabled"); ++n) steps(1);
-    return boolean("drives_enabled");
-  }
-  void acknowledge() {
-    set("acknowledge", "false");
-    steps(1);
-    set("acknowledge", "true");
-    steps(1);
-    set("acknowledge", "false");
-  }
-  void forget() { fastest = hardest = 0; }
-
-  static constexpr Duration kTick{1'000'000};
-  Instance instance;
-  Time now{0};
-  double fastest = 0, hardest = 0;  // of the axes, rad/s, rad/s²
-  double speeds[2] = {};
-};
 
 TEST(EtherCatDrives, StayOffAndAreMeasuredInModeMonitor) {
   Axes a("monitor");
@@ -246,7 +189,10 @@ TEST(EtherCatDrives, AfterALossOfTheBusNothingMovesUntilItIsAcknowledged) {
     a.command(5, 5);
     a.steps(1000);
     a.set(loss, "2");  // drive q2, and with a cut cable the valves
+    const double from = a.axis(0);
     a.steps(300);
+    // Its quick stop: 0.5²/(2 · 100) = 1.3 mrad, and some cycles of delay. Without voltage it would be 10 mrad.
+    EXPECT_NEAR(a.axis(0), from + 0.00125, 0.5 * 5e-3) << loss;
     EXPECT_FALSE(a.boolean("operational")) << loss;
     EXPECT_FALSE(a.boolean("drives_enabled"));
     EXPECT_EQ(a.speeds[0], 0) << "also the drive that is still there";
@@ -287,6 +233,7 @@ TEST(EtherCatDrives, LimitsOfTheCommandAndOfTheDriveHold) {
                          "q2,PS,0x607d,2,i32,-10000\n";
   Axes a("position", "&start_up=" + file);
   a.set("q_command_max", "0.6 10");
+  a.set("following_error_max", "10 10");
   a.start();
   ASSERT_TRUE(a.enables());
   a.command(5, 5);
@@ -416,6 +363,14 @@ TEST(EtherCatDrives, RefuseWhatCannotBeSafe) {
   EXPECT_THAT(refusal([](Axes& a) { a.set("drive_mode", "fast"); }), HasSubstr("drive_mode"));
   EXPECT_THAT(refusal([](Axes& a) { a.set("q_scale", "1e-5 0"); }), HasSubstr("slave q2: q_scale of its joint is 0"));
   EXPECT_THAT(refusal([](Axes& a) { a.set("drive_mode", "torque"); }), HasSubstr("slave q1: tau_scale is 0"));
+  EXPECT_THAT(refusal([](Axes& a) {
+                a.set("drive_mode", "torque");
+                a.set("tau_scale", "0.01 0.01");
+                a.set("tau_command_max", "1 1e9");
+              }),
+              HasSubstr("slave q2: tau_command_max of its joint is not given and the robot has no limit of effort"));
+  EXPECT_THAT(refusal([](Axes& a) { a.set("dq_scale", "-1e-5 0"); }),
+              HasSubstr("slave q1: dq_scale is -1e-05 and q_scale 1e-05, expected the same sign"));
   EXPECT_THAT(refusal([](Axes& a) {
                 a.set("drive_mode", "velocity");
                 a.set("K_v", "300");
