@@ -5,7 +5,6 @@
 #include <numbers>
 #include <utility>
 
-
 namespace cotwin::io {
 
 namespace {
@@ -14,7 +13,6 @@ namespace object = cia402::object;
 using cia402::State;
 using cia402::Wish;
 
-constexpr double kReset = 0.5;          // s that a drive has to leave its fault after acknowledge has risen
 constexpr double kLeastStep = 1e-4;     // s
 constexpr double kStood = 0.1;          // s within kStandsWithin after which an axis rests
 constexpr double kStandsWithin = 1e-3;  // rad

@@ -73,6 +73,7 @@ class EtherCatDrives {
     std::int32_t value = 0;
   };
   static constexpr std::int32_t kNotGiven = std::numeric_limits<std::int32_t>::min();
+  static constexpr double kReset = 0.5;                  // s that a drive has to leave its fault after acknowledge has risen
   static constexpr double kLargestFollowingError = 0.2;  // rad
   struct Drive {
     std::size_t slave = 0, joint = 0;

@@ -19,7 +19,7 @@ constexpr double kUnlimited = 1e9;   // rad, N.m
 constexpr std::size_t kWidest = 32;  // bits of a value
 constexpr double kMostGain = 0.2;    // of K_v · cycle: three cycles of delay leave a phase margin of more than 45 degrees
 
-std::string hex4(unsigned value) {
+std::string four_digits(unsigned value) {
   static constexpr char kDigits[] = "0123456789ABCDEF";
   std::string text;
   for (int shift = 12; shift >= 0; shift -= 4) text += kDigits[value >> shift & 15];
@@ -27,7 +27,7 @@ std::string hex4(unsigned value) {
 }
 
 std::string object_name(const ethercat::Channel& c) {
-  return "0x" + hex4(c.index) + ":" + std::to_string(c.subindex) + (c.name.empty() ? "" : " (" + c.name + ")");
+  return "0x" + four_digits(c.index) + ":" + std::to_string(c.subindex) + (c.name.empty() ? "" : " (" + c.name + ")");
 }
 
 }  // namespace
@@ -113,7 +113,7 @@ void EtherCatDrives::add_constants(const SlaveChoice& s, Drive& d) const {
       throw Error(place, "its output " + object_name(c) + " has " + std::to_string(c.bits) + " bits, expected at most " +
                              std::to_string(kWidest));
     }
-    std::string port = s.name + "_" + hex4(c.index) + "_" + std::to_string(c.subindex);
+    std::string port = s.name + "_" + four_digits(c.index) + "_" + std::to_string(c.subindex);
     const bool twice = std::ranges::any_of(d.constants, [&](const Constant& other) { return other.port == port; });
     if (twice) throw Error(place, "its outputs have the object " + object_name(c) + " twice, expected each object once");
     d.constants.push_back({{c.bit, c.bits}, std::move(port), object_name(c), kNotGiven});
