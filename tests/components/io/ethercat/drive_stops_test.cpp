@@ -247,6 +247,9 @@ TEST(EtherCatDriveStops, ALongStepIsNoSpeedOfAnEncoder) {
   }
   EXPECT_NEAR(fastest, 0.3, 1.01e-2) << "one count per ms";
   EXPECT_NEAR(slowest, 0.3, 1.01e-2);
+  std::vector<std::string> sentences;
+  io.unit->tell(sentences);
+  EXPECT_THAT(sentences, Not(Contains(HasSubstr("counters that no motion explains"))));
 }
 
 /// The unit with one drive that is described by an SII image.
