@@ -1,4 +1,4 @@
-// Any bytes as frames on an emulated bus, as an SII image, and as mails in both directions of CoE. Nothing is read or written outside, and
+// Any bytes as frames on an emulated bus, as an SII image, also of a drive, as mails in both directions of CoE, and as a file of start-up values. Nothing is read or written outside, and
 // the state stays sane: known states, working counters within what the slaves can count, lengths and indices unchanged.
 #include <algorithm>
 #include <cstdint>
@@ -15,8 +15,10 @@
 #include "components/io/ethercat/coe.h"
 #include "components/io/ethercat/frame.h"
 #include "components/io/ethercat/little_endian.h"
+#include "components/io/ethercat/master/start_up.h"
 #include "components/io/ethercat/registers.h"
 #include "components/io/ethercat/sii.h"
+#include "components/io/links/ethercat_drives.h"
 #include "models/foundation/support/error.h"
 
 namespace {
@@ -147,6 +149,42 @@ void image(Bytes bytes) {
   run(bus, Input(bytes.subspan(0x20)));
 }
 
+/// An image of a drive: it is refused, or its values can be written and read.
+void drive(Bytes bytes) {
+  using namespace cotwin::io;
+  std::vector<SlaveChoice> slaves(1);
+  slaves[0].name = "q1";
+  slaves[0].kind = SlaveChoice::Kind::kDrive;
+  slaves[0].setup = setup_of(read_sii(bytes, "fuzz"), {}, "fuzz");
+  EtherCatDrives drives(slaves, {0}, cotwin::trajectory::free_axes(1), nullptr, "fuzz");
+  cotwin::Variables v;
+  const cotwin::JointMeasures measures(nullptr);
+  cotwin::JointVariables joints(v, measures);
+  drives.declare(v, joints);
+  const std::vector<double> scale{1e-5}, offset{0};
+  Acknowledgement acknowledgement;
+  drives.initialise(1e-3, scale, offset, acknowledgement);
+  BusSetup setup;
+  setup.slaves.resize(1);
+  setup.slaves[0].setup = slaves[0].setup;
+  setup.output_bytes = slaves[0].setup.output_bytes;
+  setup.input_bytes = slaves[0].setup.input_bytes;
+  Master master(std::move(setup), 1'000'000, 20'000'000, {});
+  cotwin::io::Command command(1);
+  for (int n = 0; n < 3; ++n) {
+    drives.write(master, command, 1e-3, acknowledgement);
+    drives.wait(1e-3, 0.02);
+    drives.read(master);
+  }
+}
+
+void start_up(Bytes bytes) {
+  const std::string text(bytes.begin(), bytes.end());
+  for (const StartUpRow& row : read_start_up(text, "fuzz")) {
+    check(!row.slave.empty() && !row.value.data.empty() && row.value.data.size() <= 4096 && !row.value.origin.empty());
+  }
+}
+
 struct Owner final : ObjectOwner {
   void refresh(const ObjectEntry&) override {}
   SdoAbort check(const ObjectEntry&, Bytes) override { return SdoAbort::kNone; }
@@ -184,15 +222,21 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   if (size == 0) return 0;
   const Bytes rest(data + 1, size - 1);
   try {
-    switch (data[0] % 3) {
+    switch (data[0] % 5) {
       case 0:
         devices(Input(rest));
         break;
       case 1:
         image(rest);
         break;
-      default:
+      case 2:
         mails(Input(rest));
+        break;
+      case 3:
+        drive(rest);
+        break;
+      default:
+        start_up(rest);
     }
   } catch (const cotwin::Error& e) {
     check(e.what()[0] != '\0');
