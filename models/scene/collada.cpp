@@ -19,14 +19,16 @@ namespace {
 using Eigen::Vector3d;
 using tinyxml2::XMLElement;
 using Index = std::uint32_t;
+using Points = std::vector<double>;  // x, y, z of each
 
-constexpr std::size_t kMostColladaNumbers = 60'000'000;  // read, again for each instance of a geometry
-constexpr int kDeepestNode = 100;                        // nodes in nodes
-constexpr std::size_t kMostNodes = 100'000;              // a node may be instantiated in several others
+constexpr const char* kBlanks = " \t\r\n";
+
+constexpr int kDeepestNode = 100;            // nodes in nodes
+constexpr std::size_t kMostNodes = 100'000;  // a node may be instantiated in several others
 
 class ColladaReader {
  public:
-  explicit ColladaReader(const std::string& place) : place_(place) {}
+  ColladaReader(const std::string& place, std::size_t most) : place_(place), most_(most) {}
 
   Mesh read(std::string_view xml) {
     tinyxml2::XMLDocument document;
@@ -38,9 +40,8 @@ class ColladaReader {
     index(*root);
     double metre = 1;
     if (const XMLElement* const asset = root->FirstChildElement("asset")) {
-      if (const XMLElement* const unit = asset->FirstChildElement("unit")) metre = unit->DoubleAttribute("meter", 1);
+      if (const XMLElement* const unit = asset->FirstChildElement("unit")) metre = metres(*unit);
     }
-    if (!(metre > 0 && std::isfinite(metre))) throw Error(place_, "<unit meter> is no length > 0");
     Eigen::Affine3d X = Eigen::Affine3d::Identity();
     X.linear() *= metre;
     if (const XMLElement* const scene = shown_scene(*root)) children(*scene, X, 0);
@@ -51,6 +52,12 @@ class ColladaReader {
  private:
   [[noreturn]] void fail(const XMLElement& at, const std::string& what) const {
     throw Error(place_ + ":" + std::to_string(at.GetLineNum()), what);
+  }
+
+  /// Counts what was read or placed. A file with nodes in nodes can ask for much more than it contains.
+  void count(const XMLElement& at, std::size_t more) {
+    if (more > most_ - counted_) fail(at, "more than " + std::to_string(most_) + " numbers and elements");
+    counted_ += more;
   }
 
   /// All elements with an id.
@@ -69,17 +76,35 @@ class ColladaReader {
     return *found->second;
   }
 
+  static bool is_blank(char c) { return std::string_view(kBlanks).find(c) != std::string_view::npos; }
+
+  /// The text of an element, with what follows a comment.
+  std::string text_of(const XMLElement& element) const {
+    std::string text;
+    for (const tinyxml2::XMLNode* part = element.FirstChild(); part != nullptr; part = part->NextSibling()) {
+      if (part->ToElement() != nullptr) fail(*part->ToElement(), std::string("<") + part->Value() + "> among numbers");
+      if (part->ToText() == nullptr) continue;
+      const std::string_view more = part->Value();
+      // tinyxml2 leaves out a text of blanks alone, so that it is unknown whether these are one number.
+      if (!text.empty() && !more.empty() && !is_blank(text.back()) && !is_blank(more.front()))
+        fail(element, "a comment between '" + text.substr(text.find_last_of(kBlanks) + 1) + "' and '" +
+                          std::string(more.substr(0, more.find_first_of(kBlanks))) + "', expected blanks beside it");
+      text += more;
+    }
+    return text;
+  }
+
   template <class Number>
   std::vector<Number> numbers(const XMLElement& element) {
     std::vector<Number> all;
-    std::string_view rest = element.GetText() == nullptr ? "" : element.GetText();
-    constexpr const char* kBlanks = " \t\r\n";
+    const std::string text = text_of(element);
+    std::string_view rest = text;
     for (std::size_t begin = rest.find_first_not_of(kBlanks); begin != std::string_view::npos;
          begin = rest.find_first_not_of(kBlanks)) {
       rest.remove_prefix(begin);
       const std::string_view word = rest.substr(0, rest.find_first_of(kBlanks));
       rest.remove_prefix(word.size());
-      if (++numbers_ > kMostColladaNumbers) fail(element, "more than " + std::to_string(kMostColladaNumbers) + " numbers");
+      count(element, 1);
       if constexpr (std::is_same_v<Number, double>) {
         const std::optional<double> x = text::parse_real(word);
         if (!x || !std::isfinite(*x)) fail(element, "'" + std::string(word) + "', expected a number");
@@ -101,6 +126,21 @@ class ColladaReader {
     return all;
   }
 
+  long long integer(const XMLElement& element, const char* attribute, long long otherwise) const {
+    const char* const text = element.Attribute(attribute);
+    if (text == nullptr) return otherwise;
+    const std::optional<long long> x = text::parse_integer(text);
+    if (!x) fail(element, std::string(attribute) + " '" + text + "' of <" + element.Name() + ">, expected a whole number");
+    return *x;
+  }
+  double metres(const XMLElement& unit) const {
+    const char* const text = unit.Attribute("meter");
+    if (text == nullptr) return 1;
+    const std::optional<double> x = text::parse_real(text);
+    if (!x || !(*x > 0 && std::isfinite(*x))) fail(unit, "<unit meter> is '" + std::string(text) + "', expected a length > 0");
+    return *x;
+  }
+
   /// The scene that <scene> names, otherwise the first one of the file.
   const XMLElement* shown_scene(const XMLElement& root) const {
     const XMLElement* const scene = root.FirstChildElement("scene");
@@ -120,6 +160,7 @@ class ColladaReader {
     if (++nodes_ > kMostNodes) fail(node, "more than " + std::to_string(kMostNodes) + " nodes");
     for (const XMLElement* e = node.FirstChildElement(); e != nullptr;
          e = e->NextSiblingElement()) {  // transforms in their order
+      count(*e, 1);
       const std::string_view name = e->Name();
       if (name == "matrix") {
         const std::vector<double> m = exactly(*e, 16);
@@ -137,8 +178,8 @@ class ColladaReader {
       } else if (name == "scale") {
         const std::vector<double> s = exactly(*e, 3);
         X.scale(Vector3d(s[0], s[1], s[2]));
-      } else if (name == "skew") {
-        fail(*e, "<skew>, expected <matrix>, <translate>, <rotate> and <scale>");
+      } else if (name == "skew" || name == "lookat") {
+        fail(*e, "<" + std::string(name) + ">, expected <matrix>, <translate>, <rotate> and <scale>");
       }
     }
     for (const XMLElement* e = node.FirstChildElement(); e != nullptr; e = e->NextSiblingElement()) {
@@ -151,73 +192,126 @@ class ColladaReader {
   }
 
   void geometry(const XMLElement& geometry, const Eigen::Affine3d& X) {
-    const XMLElement* const mesh = geometry.FirstChildElement("mesh");
-    if (mesh == nullptr) return;  // a spline
-    for (const XMLElement* e = mesh->FirstChildElement(); e != nullptr; e = e->NextSiblingElement()) {
-      const std::string_view name = e->Name();
-      if (name == "triangles" || name == "polylist" || name == "polygons") primitives(*e, X);
-      if (name == "tristrips" || name == "trifans")
-        fail(*e, "<" + std::string(name) + ">, expected <triangles>, <polylist> or <polygons>");
+    const auto [known, is_new] = meshes_.try_emplace(&geometry);
+    Mesh& part = known->second;
+    if (is_new) part = mesh_of(geometry);
+    count(geometry, 3 * (part.vertices.size() + part.triangles.size()));
+    const auto first = static_cast<Index>(mesh_.vertices.size());
+    for (const Vector3d& p : part.vertices) mesh_.vertices.push_back(X * p);
+    const bool is_mirrored = X.linear().determinant() < 0;
+    for (std::array<Index, 3> triangle : part.triangles) {
+      for (Index& corner : triangle) corner += first;
+      if (is_mirrored) std::swap(triangle[1], triangle[2]);
+      mesh_.triangles.push_back(triangle);
     }
   }
 
+  /// In the geometry's own coordinates, with the points that its polygons have.
+  Mesh mesh_of(const XMLElement& geometry) {
+    Mesh part;
+    for (const char* const kind : {"convex_mesh", "brep"}) {
+      if (const XMLElement* const other = geometry.FirstChildElement(kind))
+        fail(*other, std::string("<") + kind + ">, expected <mesh>");
+    }
+    const XMLElement* const mesh = geometry.FirstChildElement("mesh");
+    if (mesh == nullptr) return part;  // a spline
+    std::map<const Points*, std::vector<Index>> placed;
+    for (const XMLElement* e = mesh->FirstChildElement(); e != nullptr; e = e->NextSiblingElement()) {
+      count(*e, 1);
+      const std::string_view name = e->Name();
+      if (name == "triangles" || name == "polylist" || name == "polygons") primitives(*e, placed, part);
+      if (name == "tristrips" || name == "trifans")
+        fail(*e, "<" + std::string(name) + ">, expected <triangles>, <polylist> or <polygons>");
+    }
+    return part;
+  }
+
   /// The positions that <input semantic="VERTEX"> names.
-  const std::vector<double>& positions(const XMLElement& input) {
+  const Points& positions(const XMLElement& input) {
     const XMLElement& vertices = find(input, "source");
     for (const XMLElement* e = vertices.FirstChildElement("input"); e != nullptr; e = e->NextSiblingElement("input")) {
-      if (std::string_view(e->Attribute("semantic") == nullptr ? "" : e->Attribute("semantic")) != "POSITION") continue;
+      count(*e, 1);
+      if (!has_semantic(*e, "POSITION")) continue;
       const XMLElement& source = find(*e, "source");
       const auto [known, is_new] = positions_.try_emplace(&source);
-      if (is_new) {
-        const XMLElement* const array = source.FirstChildElement("float_array");
-        if (array == nullptr) fail(source, "<source> without <float_array>");
-        known->second = numbers<double>(*array);
-        if (known->second.size() % 3 != 0) fail(*array, "has no multiple of 3 numbers, expected x, y, z");
-      }
+      if (is_new) known->second = points_of(source);
       return known->second;
     }
     fail(vertices, "<vertices> without positions");
   }
 
-  void primitives(const XMLElement& element, const Eigen::Affine3d& X) {
+  Points points_of(const XMLElement& source) {
+    const XMLElement* const array = source.FirstChildElement("float_array");
+    if (array == nullptr) fail(source, "<source> without <float_array>");
+    const XMLElement* const technique = source.FirstChildElement("technique_common");
+    if (const XMLElement* const accessor = technique == nullptr ? nullptr : technique->FirstChildElement("accessor")) {
+      const long long stride = integer(*accessor, "stride", 1), offset = integer(*accessor, "offset", 0);
+      if (stride != 3 || offset != 0)
+        fail(*accessor, "positions with stride " + std::to_string(stride) + " and offset " + std::to_string(offset) +
+                            ", expected stride 3 and offset 0");
+      if (accessor->Attribute("source") != nullptr && &find(*accessor, "source") != array)
+        fail(*accessor, "positions are not in the <float_array> of their <source>");
+    }
+    Points points = numbers<double>(*array);
+    if (points.size() % 3 != 0) fail(*array, "has no multiple of 3 numbers, expected x, y, z");
+    return points;
+  }
+
+  static bool has_semantic(const XMLElement& input, std::string_view semantic) {
+    const char* const own = input.Attribute("semantic");
+    return own != nullptr && own == semantic;
+  }
+
+  /// Adds the triangles of an element to `mesh`. `placed` has the vertices of the mesh, by point.
+  void primitives(const XMLElement& element, std::map<const Points*, std::vector<Index>>& placed_of, Mesh& mesh) {
+    const std::string_view kind = element.Name();
     std::size_t stride = 0, offset = 0;
-    const std::vector<double>* points = nullptr;
-    for (const XMLElement* e = element.FirstChildElement("input"); e != nullptr; e = e->NextSiblingElement("input")) {
-      const int at = e->IntAttribute("offset", 0);
+    const XMLElement *vertices = nullptr, *vcount = nullptr;
+    std::vector<const XMLElement*> indices;
+    for (const XMLElement* e = element.FirstChildElement(); e != nullptr; e = e->NextSiblingElement()) {
+      count(*e, 1);
+      const std::string_view name = e->Name();
+      if (name == "ph") fail(*e, "<ph> (polygons with holes), expected <p>");
+      if (name == "p") indices.push_back(e);
+      if (name == "vcount") vcount = e;
+      if (name != "input") continue;
+      const long long at = integer(*e, "offset", 0);
       if (at < 0 || at > 1000) fail(*e, "offset " + std::to_string(at) + ", expected 0 to 1000");
       stride = std::max(stride, static_cast<std::size_t>(at) + 1);
-      if (std::string_view(e->Attribute("semantic") == nullptr ? "" : e->Attribute("semantic")) != "VERTEX") continue;
-      points = &positions(*e);
+      if (!has_semantic(*e, "VERTEX")) continue;
+      vertices = e;
       offset = static_cast<std::size_t>(at);
     }
-    if (points == nullptr) fail(element, std::string("<") + element.Name() + "> without vertices");
-    numbers_ += points->size();
+    if (vertices == nullptr) fail(element, std::string("<") + element.Name() + "> without vertices");
+    if (indices.empty()) return;
+    const Points& points = positions(*vertices);
     constexpr Index kUnused = ~Index{0};
-    std::vector<Index> placed(points->size() / 3, kUnused);  // vertices of the mesh; files share points between materials
+    const auto [known, is_new] = placed_of.try_emplace(&points);
+    std::vector<Index>& placed = known->second;
+    if (is_new) {
+      count(element, points.size());
+      placed.assign(points.size() / 3, kUnused);
+    }
     const auto place = [&](Index point) {
       if (point >= placed.size())
         fail(element, "vertex " + std::to_string(point) + ", expected less than " + std::to_string(placed.size()));
       if (placed[point] == kUnused) {
-        placed[point] = static_cast<Index>(mesh_.vertices.size());
-        const double* const p = &(*points)[3 * std::size_t{point}];
-        mesh_.vertices.push_back(X * Vector3d(p[0], p[1], p[2]));
+        placed[point] = static_cast<Index>(mesh.vertices.size());
+        const double* const p = &points[3 * std::size_t{point}];
+        mesh.vertices.emplace_back(p[0], p[1], p[2]);
       }
       return placed[point];
     };
-    const bool is_mirrored = X.linear().determinant() < 0;
     const auto add = [&](const std::vector<Index>& p, std::size_t begin, std::size_t corners) {
       const auto corner = [&](std::size_t k) { return place(p[(begin + k) * stride + offset]); };
-      for (std::size_t k = 2; k < corners; ++k) {
-        std::array<Index, 3> triangle = {corner(0), corner(k - 1), corner(k)};
-        if (is_mirrored) std::swap(triangle[1], triangle[2]);
-        mesh_.triangles.push_back(triangle);
-      }
+      for (std::size_t k = 2; k < corners; ++k) mesh.triangles.push_back({corner(0), corner(k - 1), corner(k)});
     };
-    const std::string_view kind = element.Name();
     std::vector<Index> sizes;
-    if (const XMLElement* const vcount = element.FirstChildElement("vcount"); kind == "polylist" && vcount != nullptr)
+    if (kind == "polylist") {
+      if (vcount == nullptr) fail(element, "<polylist> with <p> but without <vcount>");
       sizes = numbers<Index>(*vcount);
-    for (const XMLElement* e = element.FirstChildElement("p"); e != nullptr; e = e->NextSiblingElement("p")) {
+    }
+    for (const XMLElement* const e : indices) {
       const std::vector<Index> p = numbers<Index>(*e);
       const std::size_t corners = p.size() / stride;
       if (kind == "polygons") sizes = {static_cast<Index>(corners)};
@@ -233,13 +327,16 @@ class ColladaReader {
 
   const std::string& place_;
   std::map<std::string_view, const XMLElement*> by_id_;
-  std::map<const XMLElement*, std::vector<double>> positions_;
-  std::size_t nodes_ = 0, numbers_ = 0;
+  std::map<const XMLElement*, Points> positions_;  // by <source>
+  std::map<const XMLElement*, Mesh> meshes_;       // by <geometry>
+  std::size_t most_, nodes_ = 0, counted_ = 0;
   Mesh mesh_;
 };
 
 }  // namespace
 
-Mesh parse_collada(std::string_view xml, const std::string& place) { return ColladaReader(place).read(xml); }
+Mesh parse_collada(std::string_view xml, const std::string& place, std::size_t most) {
+  return ColladaReader(place, most).read(xml);
+}
 
 }  // namespace cotwin::scene

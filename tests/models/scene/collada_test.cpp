@@ -105,11 +105,85 @@ TEST(Collada, NamesPlaceAndFactOfAFault) {
   EXPECT_THAT(refusal(with(kPrism, "<instance_geometry", "<instance_node url=\"#part\"/><instance_geometry")),
               HasSubstr("nodes within more than 100 nodes"));
   EXPECT_THAT(refusal(with(kPrism, "<vcount>4 4 4", "<vcount>4 4 5")), HasSubstr("fewer corners than polygons have"));
-  EXPECT_THAT(refusal(with(kPrism, "0.0254", "0")), HasSubstr("<unit meter> is no length > 0"));
+  for (const char* const metre : {"0", "abc", "0,0254", "1m", "", "inf"})
+    EXPECT_THAT(refusal(with(kPrism, "0.0254", metre)),
+                HasSubstr("bad.dae:1: <unit meter> is '" + std::string(metre) + "', expected a length > 0"));
+  EXPECT_THAT(refusal(with(kPrism, "offset=\"1\"", "offset=\"one\"")),
+              HasSubstr("offset 'one' of <input>, expected a whole number"));
   EXPECT_THAT(refusal(with(kPrism, "10 0 0", "10 0")), HasSubstr("<translate> has 2 numbers, expected 3"));
   EXPECT_THAT(refusal(with(kPrism, "<triangles", "<tristrips/><triangles")), HasSubstr("<tristrips>, expected <triangles>"));
   EXPECT_THAT(refusal(with(kPrism, "<translate>", "<instance_controller/><translate>")), HasSubstr("(a skin)"));
   EXPECT_THAT(refusal(with(kPrism, "<translate>", "<skew/><translate>")), HasSubstr("<skew>, expected <matrix>"));
+}
+
+TEST(Collada, RefusesWhatItWouldReadOnlyInPart) {
+  const auto refusal = [](const std::string& xml) { return error_of([&] { parse_collada(xml, "x"); }); };
+  EXPECT_THAT(refusal(with(kPrism, "<p>3 0 4 0 5 0</p>", "<ph><p>3 0 4 0 5 0</p><h>3 0 4 0 5 0</h></ph>")),
+              HasSubstr("<ph> (polygons with holes), expected <p>"));
+  EXPECT_THAT(refusal(with(kPrism, "<translate>", "<lookat>1 0 0  0 0 0  0 0 1</lookat><translate>")),
+              HasSubstr("<lookat>, expected <matrix>"));
+  EXPECT_THAT(refusal(with(kPrism, "<geometry id=\"g\">", "<geometry id=\"g\"><convex_mesh convex_hull_of=\"#k\"/>")),
+              HasSubstr("<convex_mesh>, expected <mesh>"));
+  EXPECT_THAT(refusal(with(kPrism, "<vcount>4 4 4</vcount>", "")), HasSubstr("<polylist> with <p> but without <vcount>"));
+  const auto accessed = [](const std::string& accessor) {
+    return with(kPrism, "</float_array>", "</float_array><technique_common><accessor " + accessor + "/></technique_common>");
+  };
+  EXPECT_EQ(refusal(accessed("source=\"#a\" count=\"6\" stride=\"3\"")), "");
+  EXPECT_EQ(refusal(accessed("source=\"#a\" stride=\"3\" offset=\"0\"")), "");
+  EXPECT_THAT(refusal(accessed("source=\"#a\" stride=\"6\"")), HasSubstr("positions with stride 6 and offset 0, expected"));
+  EXPECT_THAT(refusal(accessed("source=\"#a\" stride=\"3\" offset=\"3\"")),
+              HasSubstr("stride 3 and offset 3, expected stride 3"));
+  EXPECT_THAT(refusal(accessed("source=\"#a\"")), HasSubstr("stride 1 and offset 0"));  // the standard's default
+  EXPECT_THAT(refusal(accessed("source=\"#a\" stride=\"3x\"")),
+              HasSubstr("stride '3x' of <accessor>, expected a whole number"));
+  EXPECT_THAT(refusal(accessed("source=\"#s\" stride=\"3\"")), HasSubstr("not in the <float_array> of their <source>"));
+}
+
+TEST(Collada, ReadsNumbersBehindComments) {
+  const Mesh whole = parse_collada(kPrism, "x");
+  const auto same = [&](const std::string& old, const std::string& other) {
+    const Mesh mesh = parse_collada(with(kPrism, old, other), "x");
+    return mesh.vertices == whole.vertices && mesh.triangles == whole.triangles;
+  };
+  EXPECT_TRUE(same("4 4 4</vcount>", "4 <!-- two more -->4 4</vcount>"));
+  EXPECT_TRUE(same("4 0 3 0  1 0 2 0", "4 0 3 0 <!-- next -->  <!-- 9 9 --> 1 0 2 0"));
+  EXPECT_TRUE(same("0 0 0  1 0 0", "<!-- points -->0 0 0<!-- second --> 1 0 0"));
+  EXPECT_TRUE(same("10 0 0</translate>", "10 <![CDATA[0 0]]></translate>"));
+  EXPECT_THAT(error_of([&] { same("0 0 0  1 0 0", "0 0 0 1<!-- -->0 0 0"); }),
+              HasSubstr("a comment between '1' and '0', expected blanks beside it"));
+  EXPECT_THAT(error_of([&] { same("0 0 0  1 0 0", "0 0 0 <x/> 1 0 0"); }), HasSubstr("<x> among numbers"));
+}
+
+TEST(Collada, BoundsWhatNodesInNodesAskFor) {
+  // Each of 9 nodes has the next one twice: 512 instances of a geometry with one triangle and 100 empty primitives on 1000 points.
+  const auto nested = [](const std::string& primitives) {
+    std::string points, nodes;
+    for (int k = 0; k < 1000; ++k) points += " " + std::to_string(k) + " 0 " + std::to_string(k * k);
+    for (int k = 0; k < 9; ++k) {
+      const std::string next = "<instance_node url=\"#n" + std::to_string(k + 1) + "\"/>";
+      nodes += "<node id=\"n" + std::to_string(k) + "\">" + next + next + "</node>";
+    }
+    return "<COLLADA><library_geometries><geometry id=\"g\"><mesh><source id=\"s\"><float_array>" + points +
+           "</float_array></source><vertices id=\"v\"><input semantic=\"POSITION\" source=\"#s\"/></vertices>" + primitives +
+           "</mesh></geometry></library_geometries><library_nodes>" + nodes +
+           "<node id=\"n9\"><instance_geometry url=\"#g\"/></node></library_nodes><library_visual_scenes><visual_scene>"
+           "<node><instance_node url=\"#n0\"/></node></visual_scene></library_visual_scenes></COLLADA>";
+  };
+  const std::string input = "<input semantic=\"VERTEX\" source=\"#v\" offset=\"0\"/>";
+  std::string empty;
+  for (int k = 0; k < 100; ++k) empty += "<triangles>" + input + "</triangles>";
+  const std::string one = "<triangles>" + input + "<p>1 2 3</p></triangles>";
+  // Of the geometry, read once: 3000 numbers, again to find points by index, 101 primitives, their inputs and corners. Of the 1 + 2 + … + 512 nodes: their
+  // elements. Of each instance: 3 vertices and 1 triangle.
+  constexpr std::size_t kRead = 2 * 3000 + 101 + 2 * 101 + 3 + 4, kNodes = 2 * 1024, kPlaced = 512 * 3 * (3 + 1);
+  const std::string xml = nested(empty + one);
+  EXPECT_EQ(parse_collada(xml, "x", kRead + kNodes + kPlaced).triangles.size(), 512u);
+  const auto refused = [](const std::string& text, std::size_t most) {
+    return error_of([&] { parse_collada(text, "x", most); });
+  };
+  EXPECT_THAT(refused(xml, kRead + kNodes), HasSubstr("x:1: more than 8358 numbers and elements"));
+  EXPECT_THAT(refused(nested(empty), 1000), HasSubstr("more than 1000 numbers and elements"));
+  EXPECT_THAT(refused(nested(empty), kRead + kNodes), HasSubstr("no triangles in the visual scene"));
 }
 
 }  // namespace
