@@ -10,7 +10,8 @@ robots.py --cotwin PROGRAM [--files FOLDER] [--mirrors FOLDER] [--jobs N] [--onl
 
 Each scenario is written by `cotwin new`, run to its end by `cotwin run`, and compared with what its introduction promises: drives follow the
 compliant motion, deviations are tau_e / S_a, the force at rest is the one that is named. Where `new` refuses a robot and names options
-("it runs with: …"), it is asked again with these options, once."""
+("it runs with: …", also where units are a guess: "if its numbers are in these units it runs with: …; if they are in SI: …"), it is asked again
+with these options, once."""
 import argparse
 import collections
 import concurrent.futures
@@ -146,7 +147,7 @@ def trial(program, robot, kind):
         place = pathlib.Path(place)
         (place / "first").mkdir()
         outcome, reason = attempt(program, robot, kind, [], place / "first")
-        named = re.search(r"it runs with: (.*)", reason)
+        named = re.search(r"it runs with: ([^;\n]*)", reason)
         if outcome != "refused" or not named:
             return outcome, "", reason
         (place / "second").mkdir()

@@ -225,22 +225,27 @@ bool estimate_matters(const Request& request, const Request& estimate, std::span
   }
 }
 
-/// The line that tells which options cure an error, or why those that were tried do not; "" if there are none.
+constexpr const char* kUnits = "--urdf-units ";
+
+/// The line with the options that cure an error, or why those that were tried do not; "" if there are none. Units other than SI are a guess that a trial cannot
+/// confirm: a robot a thousand times as large may run as well.
 std::string advice(const Request& request, const std::string& options, const Error& error, std::span<const UnitType> types) {
   Request other = request;
   std::string option;
   if (const auto* units = dynamic_cast<const robot::OtherUnits*>(&error); units != nullptr && request.units.empty()) {
     other.units = units->units;
-    option = "--urdf-units " + units->units;
+    option = kUnits + units->units;
   } else {
     other.unphysical = "estimate";
     option = "--unphysical estimate";
     if (request.unphysical == "estimate" || !estimate_matters(request, other, types)) return "";
   }
   const std::string all = options + (options.empty() ? "" : " ") + option;
+  const bool guesses_units = all.starts_with(kUnits) || all.find(" " + std::string(kUnits)) != std::string::npos;
   try {
     (void)Search(other, types).make();
-    return "\nit runs with: " + all;
+    if (!guesses_units) return "\nit runs with: " + all;
+    return "\nif its numbers are in these units it runs with: " + all + "; if they are in SI: " + std::string(kUnits) + "si";
   } catch (const Error& next) {
     const std::string more = advice(other, all, next, types);
     if (!more.empty()) return more;

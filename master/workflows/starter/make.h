@@ -35,7 +35,8 @@ struct Starter {
 
 /// Chooses the numbers of a first scenario and tries it (try_scenario): for a contact several postures and directions, at first with the
 /// collision shapes of the links. Joints whose limits are equal are locked there. Throws Error where nothing runs; if it would with other
-/// options, the message ends in a line "it runs with: OPTIONS", which was tried too.
+/// options, the message ends in a line "it runs with: OPTIONS", which was tried too; where these have other units than SI, in "if its numbers are in these
+/// units it runs with: OPTIONS; if they are in SI: --urdf-units si", because a trial cannot tell units apart.
 Starter make_starter(const Request& request, std::span<const UnitType> types);
 
 }  // namespace cotwin::master::starter

@@ -349,7 +349,8 @@ TEST(New, NamesTheUnitsOfAUrdfThatIsNotInSi) {
   folder.write("mixed.urdf", robot);
   const RunResult refused = make(folder, {"--robot", "mixed.urdf"});
   EXPECT_EQ(refused.code, 2);
-  EXPECT_THAT(refused.err, HasSubstr("it runs with: --urdf-units length=mm"));
+  EXPECT_THAT(refused.err, HasSubstr("\nif its numbers are in these units it runs with: --urdf-units length=mm"));
+  EXPECT_THAT(refused.err, ::testing::EndsWith("; if they are in SI: --urdf-units si\n"));
   const RunResult made =
       make(folder, {"--robot", "mixed.urdf", "--urdf-units", "length=mm,inertia=kg.m2", "--kind", "compliance"});
   ASSERT_EQ(made.code, 0) << made.err;
