@@ -84,6 +84,8 @@ class Load(Case):
             cotwin.Recording(["time", "a", "b"], np.zeros((1, 2)))
         with self.assertError("recording: values", "masked elements"):
             cotwin.Recording(["time", "a"], np.ma.MaskedArray(np.zeros((1, 2)), mask=[[False, True]]))
+        with self.assertError("recording: values", "masked elements"):
+            cotwin.Recording(["time", "a"], [np.ma.MaskedArray(np.zeros(2), mask=[False, True])])
 
     @unittest.skipIf(pandas is None, "pandas is missing (Debian: python3-pandas)")
     def test_a_frame_has_the_time_as_index_and_a_column_per_element(self):

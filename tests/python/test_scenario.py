@@ -102,9 +102,11 @@ class Refused(Case):
         for value in (np.nan, [1, np.inf], object(), None, 1j, []):
             with self.subTest(value), self.assertError("x.v", "expected"):
                 cotwin.Scenario().add("x", values={"v": value})
-        with self.assertError("x.v", "masked elements") as context:
-            cotwin.Scenario().add("x", values={"v": np.ma.MaskedArray([1.0, 2.0], mask=[False, True])})
-        self.assertIsInstance(context.error, ValueError)
+        masked = np.ma.MaskedArray([1.0, 2.0], mask=[False, True])
+        for value in (masked, [masked, masked], ([1.0, 2.0], masked)):
+            with self.assertError("x.v", "masked elements") as context:
+                cotwin.Scenario().add("x", values={"v": value})
+            self.assertIsInstance(context.error, ValueError)
 
     def test_units_and_variables_that_do_not_exist_are_named_by_the_library(self):
         with self.assertError("drive_trian", "drive_train"):
