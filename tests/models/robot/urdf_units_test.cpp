@@ -149,7 +149,8 @@ TEST(UrdfUnits, AreCheckedAgainWhereSomeAreGiven) {
   EXPECT_EQ(converted(mm_and_degrees, "limit=rad"), "not SI: limit=rad,rpy=deg,length=mm");
   EXPECT_EQ(converted(mm_and_degrees, "length=m,rpy=rad"), "") << "what is named in SI is taken as it is";
   EXPECT_EQ(converted(mm_and_degrees, "si"), "");
-  EXPECT_THAT(converted(mm_and_degrees, "length=in,rpy=deg"), HasSubstr("read with length=in,rpy=deg, the robot reaches 20.3 m"));
+  EXPECT_THAT(converted(mm_and_degrees, "length=in,rpy=deg"),
+              HasSubstr("read with length=in,rpy=deg, the robot reaches 20.3 m"));
   EXPECT_THAT(converted({}, "length=mm"), HasSubstr("the robot reaches 0.8 mm, expected another unit of length"));
   const TemporaryFolder folder("units");
   folder.write("both.urdf", arm(mm_and_degrees));
