@@ -124,6 +124,8 @@ Command Axis::command(Wish wish) {
     return reset_ == Reset::kHold ? Command::kFaultReset : Command::kDisableVoltage;
   }
   const bool enabled = state_ == State::kOperationEnabled;
+  // The status may be older than a quick stop that was sent.
+  if (enabled && last_ == control_of(Command::kQuickStop) && !rests_) return Command::kQuickStop;
   if (state_ == State::kQuickStop && (wish == Wish::kStop || !rests_)) return Command::kQuickStop;
   if (wish == Wish::kStop) return enabled ? Command::kQuickStop : Command::kDisableVoltage;
   if (wish == Wish::kOff) return enabled || state_ == State::kSwitchedOn ? Command::kShutdown : Command::kDisableVoltage;

@@ -101,6 +101,8 @@ class Homing {
   /// Ends it without a result: the drive stands when its start bit and its mode go.
   void abort() { phase_ = Phase::kIdle; }
   bool is_active() const { return phase_ != Phase::kIdle; }
+  /// Whether the drive searches its home, without the change of its mode before and after that.
+  bool runs() const { return phase_ == Phase::kRuns; }
   /// One cycle of `h` seconds, with what the drive gave last. `mode`: the one to go back to.
   void advance(Mode shown, std::uint16_t status_word, Mode mode, double h);
 

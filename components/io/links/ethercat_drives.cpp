@@ -13,10 +13,11 @@ namespace object = cia402::object;
 using cia402::State;
 using cia402::Wish;
 
-constexpr double kLeastStep = 1e-4;     // s
+constexpr double kLeastStep = 1e-6;     // s
 constexpr double kStood = 0.1;          // s within kStandsWithin after which an axis rests
 constexpr double kStandsWithin = 1e-3;  // rad
-constexpr double kCreeps = 1e-3;        // rad/s
+constexpr double kOvershoot = 0.01;     // rad further out of the range than where it was when it began to follow
+constexpr double kMoves = 0.01;         // rad/s
 
 constexpr const char* kFell = "left Operation enabled by itself";
 constexpr const char* kHolds = "did not follow its target any more, or left its mode";
@@ -74,7 +75,8 @@ bool EtherCatDrives::has_stopped() {
 /// A drive that becomes able to be enabled long after somebody wished it must not move then.
 void EtherCatDrives::advance_enabling(bool on, double h) {
   were_enabled_ = on && (were_enabled_ || all_enabled());
-  enabling_ = on && !were_enabled_ ? enabling_ + h : 0;
+  const bool homes = std::ranges::any_of(drives_, [](const Drive& d) { return d.homing.runs(); });
+  enabling_ = on && !follows_ && !homes ? enabling_ + h : 0;  // the change to and from the homing mode counts, too
 }
 
 /// Positions and speeds: what the target would do to an axis that is released far from it.
@@ -82,12 +84,15 @@ bool EtherCatDrives::is_behind(std::size_t k) const {
   return follows_ && mode_ != Mode::kTorque && std::abs(q_target_[k] - q_[k]) > following_error_max_[k];
 }
 
-/// Torques: whether an axis is outside of its range and moves, or is driven, further out.
+/// Torques: whether an axis has gone further out of its range. Its position tells, not its torque, which may hold a load, nor its speed,
+/// which flickers.
 bool EtherCatDrives::leaves_range(std::size_t k) const {
-  if (!follows_ || mode_ != Mode::kTorque) return false;
-  const double speed = drives_[k].speed, tau = tau_target_[k];
-  if (q_[k] > q_command_max_[k]) return speed > kCreeps || tau > 0;
-  return q_[k] < q_command_min_[k] && (speed < -kCreeps || tau < 0);
+  const double margin = std::max(kOvershoot, 5 * std::abs(q_scale_[drives_[k].joint]));
+  return follows_ && mode_ == Mode::kTorque && outside(k) > outside_[k] + margin;
+}
+
+double EtherCatDrives::outside(std::size_t k) const {
+  return std::max({0.0, q_[k] - q_command_max_[k], q_command_min_[k] - q_[k]});
 }
 
 /// Whether an enabled drive is in the mode and follows its target.
@@ -165,6 +170,8 @@ void EtherCatDrives::choose_targets(const Command& command, double h, bool follo
     q_wanted_[k] =
         std::isfinite(wanted) ? std::clamp(wanted, q_command_min_[k], std::max(q_command_min_[k], q_command_max_[k])) : wanted;
   }
+  for (std::size_t k = 0; k < drives_.size(); ++k)
+    outside_[k] = follows && follows_ ? std::min(outside_[k], outside(k)) : outside(k);
   if (!follows || !follows_) synchronisation_.start(q_target_);
   follows_ = follows;
   if (!follows) {
@@ -286,6 +293,8 @@ bool EtherCatDrives::stop(ethercat::Master& master) {
     d.held = d.counts;
     write_targets(master, k);
     moves = moves || d.axis.state() == State::kOperationEnabled || d.axis.state() == State::kQuickStop;
+    // After a loss: the drives that answer are on the ramp of the safe outputs.
+    moves = moves || (!master.operational() && d.known && std::abs(d.speed) > kMoves);
   }
   return moves;
 }

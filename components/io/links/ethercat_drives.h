@@ -110,6 +110,7 @@ class EtherCatDrives {
   void advance_enabling(bool on, double h);
   bool is_behind(std::size_t k) const;
   bool leaves_range(std::size_t k) const;
+  double outside(std::size_t k) const;
   void write_image(std::span<std::uint8_t> out, const Drive& d, std::uint16_t control, std::int64_t position, double speed,
                    double torque) const;
   void write_targets(ethercat::Master& master, std::size_t k);
@@ -133,6 +134,7 @@ class EtherCatDrives {
   const Drive* stopped_drive_ = nullptr;
   // Per drive.
   std::vector<double> q_, q_wanted_, q_target_, tau_target_, no_gain_;
+  std::vector<double> outside_;  // rad out of the range, the least since the drives follow
   // Inputs and parameters.
   std::string mode_text_ = "monitor";
   bool enable_ = true, quick_stop_ = false;

@@ -87,7 +87,7 @@ EtherCatDrives::EtherCatDrives(const std::vector<SlaveChoice>& slaves, const std
   const std::size_t n = drives_.size();
   synchronisation_ = Synchronisation(n);
   jumps_ = JumpDetector(n);
-  for (std::vector<double>* values : {&q_, &q_wanted_, &q_target_, &tau_target_, &no_gain_, &dq_scale_, &tau_scale_})
+  for (std::vector<double>* values : {&q_, &q_wanted_, &q_target_, &tau_target_, &outside_, &no_gain_, &dq_scale_, &tau_scale_})
     values->resize(n);
   following_error_max_.resize(n, kLargestFollowingError);
   home_ = std::make_unique<bool[]>(n);
@@ -109,8 +109,8 @@ void EtherCatDrives::add_constants(const SlaveChoice& s, Drive& d) const {
       throw Error(place,
                   "its outputs have the object " + object_name(c) + ", expected a drive with one axis (objects below 0x6800)");
     }
-    if (c.bits > kWidest) {
-      throw Error(place, "its output " + object_name(c) + " has " + std::to_string(c.bits) + " bits, expected at most " +
+    if (c.bits == 0 || c.bits > kWidest) {
+      throw Error(place, "its output " + object_name(c) + " has " + std::to_string(c.bits) + " bits, expected 1 to " +
                              std::to_string(kWidest));
     }
     std::string port = s.name + "_" + four_digits(c.index) + "_" + std::to_string(c.subindex);
@@ -275,12 +275,15 @@ void EtherCatDrives::add_start_up(std::vector<ethercat::ExpectedSlave>& expected
   for (const Drive& d : drives_) {
     std::vector<ethercat::StartUpValue>& values = expected[d.slave].start_up;
     const auto mode = static_cast<std::uint8_t>(profile_mode());
-    const auto given = std::ranges::find(values, object::kMode, &ethercat::StartUpValue::index);
-    if (given != values.end() && given->data != std::vector{mode}) {
-      throw Error(given->origin, "object 0x6060 is the mode of drive " + d.name + ", expected " + std::to_string(mode) +
-                                     " (i8) for drive_mode=" + mode_text_ + ", or no such line");
+    bool given = false;
+    for (const ethercat::StartUpValue& value : values) {
+      if (value.index != object::kMode) continue;
+      given = true;
+      if (value.data == std::vector{mode}) continue;
+      throw Error(value.origin, "object 0x6060 is the mode of drive " + d.name + ", expected " + std::to_string(mode) +
+                                    " (i8) for drive_mode=" + mode_text_ + ", or no such line");
     }
-    if (d.mode.bits != 0 || given != values.end()) continue;
+    if (d.mode.bits != 0 || given) continue;
     values.push_back({object::kMode, 0, {mode}, false, "drive_mode=" + mode_text_});
   }
 }
