@@ -32,7 +32,6 @@ void linear_sum(realtype a, N_Vector x, realtype b, N_Vector y, N_Vector z) {
   const double *px = NV_DATA_S(x), *py = NV_DATA_S(y);
   double* pz = NV_DATA_S(z);
   const auto n = static_cast<std::size_t>(NV_LENGTH_S(x));
-#pragma GCC ivdep  // z may be x or y, but does not overlap them otherwise
   for (std::size_t i = 0; i < n; ++i) pz[i] = a * px[i] + b * py[i];
 }
 

@@ -17,7 +17,7 @@ namespace cotwin::fmu {
 template <class Made>
 class Named final : public Unit, public StagedInitialisation, public DeclaredDependencies, public LocalMemory {
   template <class Call>
-  auto named(Call call) {
+  [[gnu::always_inline]] auto named(Call call) {
     try {
       return call();
     } catch (const Error& error) {

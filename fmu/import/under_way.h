@@ -79,7 +79,8 @@ class Function<Result(Arguments...)> {
   Function() = default;
   Function(Pointer pointer, const char* name) : pointer_(pointer), name_(known_function(name)) {}
 
-  Result operator()(Arguments... arguments) const {
+  // Inline by order: clang takes the handler for expensive, and a trivial FMU is called in 2 ns.
+  [[gnu::always_inline]] Result operator()(Arguments... arguments) const {
     const CallUnderWay call(name_);
     try {
       return pointer_(arguments...);

@@ -202,7 +202,7 @@ std::size_t Engine::step_part(Time begin, Time end) {
   return kNoSlot;
 }
 
-inline void Engine::exchange(const StageRun& stage) {
+[[gnu::always_inline]] inline void Engine::exchange(const StageRun& stage) {
   if (stage.every_tick) {
     for (const Wiring::Copy& copy : stage.copies) Wiring::run(copy);
   } else {
@@ -227,7 +227,7 @@ void Engine::note_stepped(const StageRun& stage) {
   for (Slot& slot : stage.slots) slot.stepped = slot.once && slot.time >= tick_.end;
 }
 
-inline std::size_t Engine::step_stage(StageRun& stage) {
+[[gnu::always_inline]] inline std::size_t Engine::step_stage(StageRun& stage) {
   if (stage.balance && stage.balance->parallel()) return step_on_threads(stage);
   const bool all_in_one_part = stage.plain && parts_ == 1 && !timed_;
   return all_in_one_part ? step_in_turn<true>(stage.slots) : step_in_turn<false>(stage.slots);
@@ -236,7 +236,7 @@ inline std::size_t Engine::step_stage(StageRun& stage) {
 /// `kAllInOnePart`: all units are due, over the whole tick, and are not timed. Then nothing is asked per unit, which saves a
 /// third of the loop's own time where units are light.
 template <bool kAllInOnePart>
-inline std::size_t Engine::step_in_turn(std::span<Slot> slots) {
+[[gnu::always_inline]] inline std::size_t Engine::step_in_turn(std::span<Slot> slots) {
   auto slot = slots.begin();
   const auto last = slots.end();
   const Time end = part_end_;

@@ -279,7 +279,7 @@ double Master::Loop::wall_seconds() const {
 }
 
 /// The loop body of "One master step" in docs/architecture.md.
-inline bool Master::Loop::step_tick() {
+[[gnu::always_inline]] inline bool Master::Loop::step_tick() {
   if (at_end()) return false;
   if (live_) [[unlikely]] {
     if (!begin_live_tick()) {

@@ -193,7 +193,7 @@ inline StepResult FmuUnit::step(Time now, Duration h) {
   return step_fast(now, h);
 }
 
-inline StepResult FmuUnit::step_fast(Time now, Duration h) {
+[[gnu::always_inline]] inline StepResult FmuUnit::step_fast(Time now, Duration h) {
   set_call_place(place_, now.ns);
   try {
     if (variables_.step(*instance_, now, h)) [[likely]]

@@ -114,10 +114,9 @@ Candidates assignments(const fs::path& file) {
       continue;
     }
   }
-  const auto text = &Candidate::text;
-  std::ranges::stable_sort(found, {}, text);
-  const auto same = std::ranges::unique(found, {}, text);
-  found.erase(same.begin(), same.end());
+  std::ranges::stable_sort(found, {}, &Candidate::text);
+  const auto same = [](const Candidate& a, const Candidate& b) { return a.text == b.text; };
+  found.erase(std::unique(found.begin(), found.end(), same), found.end());
   return found;
 }
 

@@ -84,7 +84,6 @@ class Designer {
  public:
   Designer(const robot::RobotModel& robot, const DesignOptions& options)
       : options_(options),
-        robot_(robot),
         limits_((check(options), limits_of(robot, options))),
         mechanism_(robot),
         base_(identification::base_parameters(robot)),
@@ -242,7 +241,6 @@ class Designer {
   }
 
   const DesignOptions& options_;
-  const robot::RobotModel& robot_;
   std::vector<Limits> limits_;
   robot::Mechanism mechanism_;
   identification::BaseParameters base_;

@@ -182,7 +182,8 @@ TEST(ServiceSchemas, HaveTheMembersThatTheServicesRead) {
       EXPECT_TRUE(properties.contains(name)) << service << " reads " << name;
       ++count;
     }
-    for (const auto& [name, type] : properties.items()) {
+    for (const auto& property : properties.items()) {
+      const std::string& name = property.key();
       // Read for robots with prismatic joints, or only if another member is not given.
       const bool alternative = !name.ends_with("_rad") && properties.contains(name + "_rad");
       const bool other_units = std::ranges::any_of(

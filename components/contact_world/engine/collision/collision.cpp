@@ -169,9 +169,10 @@ void Collision::Impl::sweep(double margin) {
     const Vector3d low = a.low.array() - margin, high = a.high.array() + margin;
     for (std::size_t j = i + 1; j < bounds.size() && bounds[j].low.x() < high.x(); ++j) {
       const Bounds& b = bounds[j];
-      const bool along_y = (b.low.y() < high.y()) & (b.high.y() > low.y());  // no branches: they are unpredictable
-      const bool along_z = (b.low.z() < high.z()) & (b.high.z() > low.z());
-      if (along_y & along_z) add_candidate(a.piece, b.piece);
+      // Sums of the four, not &&: branches are unpredictable here.
+      const int along_y = int{b.low.y() < high.y()} + int{b.high.y() > low.y()};
+      const int along_z = int{b.low.z() < high.z()} + int{b.high.z() > low.z()};
+      if (along_y + along_z == 4) add_candidate(a.piece, b.piece);
     }
     const auto meet = [&](const Bounds& b) {
       const bool apart = (b.low.array() >= high.array()).any() || (b.high.array() <= low.array()).any();
