@@ -29,7 +29,7 @@ symbols() {
       for (i = 1; i <= 4; ++i) if (x[i] + 0 != y[i] + 0) return x[i] + 0 > y[i] + 0
       return 0
     }
-    $5 ~ /^(GLOBAL|WEAK)$/ && $7 != "UND" && $8 ~ /@GLIBC_[0-9]/ {
+    $5 ~ /^(GLOBAL|WEAK)$/ && $7 != "UND" && $8 ~ /@GLIBC_[0-9]/ && $8 !~ /^GLIBC_/ {  # not the versions themselves
       split($8, part, /@+GLIBC_/); name = part[1]
       if (newer(part[2], limit)) { has_newer[name] = 1; next }
       if (!(name in best) || newer(part[2], best[name])) { best[name] = part[2]; type[name] = $4 }
