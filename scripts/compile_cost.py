@@ -132,6 +132,9 @@ def main():
         timed[target_of(object_file)] += 1
     # A target of which ccache had some objects has no time.
     rows = {t: (number[t], kilobytes[t], seconds[t] if timed[t] == number[t] else 0) for t in sorted(number)}
+    tests = [s for object_file, (s, _) in times.items() if object_file.startswith("tests/")]
+    if tests:   # one row, for scripts/progress.py
+        rows["tests"] = (len(tests), 0, sum(tests))
     print(f"{sum(number.values())} units, {sum(kilobytes.values()) / 1e3:.0f} MB after the preprocessor, {sum(s for s, _ in times.values()):.0f} s in all files")
     if "--save" in arguments:
         file = pathlib.Path(arguments[arguments.index("--save") + 1])

@@ -20,5 +20,24 @@ if [ "$(id -u)" -ne 0 ]; then
 fi
 echo "installing ${#missing[@]} Debian packages: ${missing[*]}"
 export DEBIAN_FRONTEND=noninteractive
-$sudo apt-get update -qq
-$sudo apt-get install -y -qq --no-install-recommends "${missing[@]}" >/dev/null
+log=$(mktemp)
+fail() { cat "$log" >&2; echo "install.sh: failed: $*" >&2; rm -f "$log"; exit 1; }
+$sudo apt-get update -qq >"$log" 2>&1 || fail apt-get update
+
+# Each package, with those that it needs, is downloaded, unpacked and set up. On a terminal one line that counts, elsewhere one line each half minute.
+progress() {
+  local line all=0 steps=0 printed=$SECONDS
+  while read -r line; do
+    echo "$line" >>"$log"
+    case $line in
+      *" newly installed, "*) all=$(awk '{print $1 + $3}' <<<"$line") ;;
+      Get:* | Unpacking\ * | Setting\ up\ *) steps=$((steps + 1)) ;;
+      *) continue ;;
+    esac
+    if [ -t 1 ]; then printf '\r%d of %d steps\033[K' "$steps" $((3 * all))
+    elif ((SECONDS - printed >= 30)); then printed=$SECONDS; echo "  $steps of $((3 * all)) steps"; fi
+  done
+  if [ -t 1 ]; then printf '\n'; fi
+}
+$sudo apt-get install -y -q --no-install-recommends "${missing[@]}" 2>&1 | progress || fail apt-get install "${missing[*]}"
+rm -f "$log"
