@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Installs what is missing, builds and runs the benchmarks whose name contains FILTER: ./bench.sh [--quick] [FILTER]
 # Prints a table and writes build/benchmarks.json. --quick: each benchmark does as little as possible, to see that it still works and prints its
-# rows; the last line is `N passed, N failed, N skipped`. COTWIN_BENCH_BUILD: another folder below build/, whose options are kept.
+# rows; the last line is `N passed, N failed, N skipped`.
 set -euo pipefail
 root=$(cd "$(dirname "$(readlink -f "$0")")" && pwd)
 quick=()
@@ -11,8 +11,5 @@ if [[ ${1:-} == --quick ]]; then
   source "$root/scripts/counts.sh"
 fi
 "$root/scripts/install.sh" build view test bench
-build=${COTWIN_BENCH_BUILD:-bench}
-options=(-DCOTWIN_BENCHMARKS=ON)
-if [[ $build == bench ]]; then options+=(-DCMAKE_BUILD_TYPE=Release -DCOTWIN_TESTS=OFF); fi
-"$root/scripts/build.sh" "$build" "${options[@]}"
-"$root/build/$build/benchmarks/report" "${quick[@]}" "$root/build/$build/benchmarks" "$root/build/benchmarks.json" "${1:-}"
+"$root/scripts/build.sh" release:tests/benchmarks/all -DCMAKE_BUILD_TYPE=Release -DCOTWIN_BENCHMARKS=ON
+"$root/build/release/benchmarks/report" "${quick[@]}" "$root/build/release/benchmarks" "$root/build/benchmarks.json" "${1:-}"
