@@ -49,8 +49,8 @@ class Progress:
         self.terminal = sys.stdout.isatty()
         self.printed = self.begin
 
-    def finished(self, step):
-        self.done += 1
+    def finished(self, done, count, step):
+        self.done, self.count = done, count
         self.done_s += cost(step, self.seconds_of)
         now = time.monotonic()
         spent_s = (now - self.begin) * os.cpu_count()
@@ -97,7 +97,7 @@ def main():
                 log.append(line.decode(errors="replace"))
                 match = STEP.match(log[-1])
                 if match:
-                    progress.finished(match.group(3))
+                    progress.finished(int(match.group(1)), int(match.group(2)), match.group(3))
     code = process.wait()
     progress.close()
     if code != 0:

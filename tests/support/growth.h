@@ -1,4 +1,6 @@
 #pragma once
+#include <malloc.h>
+
 #include <algorithm>
 #include <ctime>
 
@@ -8,6 +10,9 @@ namespace cotwin::testing {
 /// square. The least of three trials of each, so that other load does not count.
 template <class Work>
 double growth(int n, Work work) {
+  // Memory stays with the process: what the kernel takes for new pages is no work of the algorithm.
+  mallopt(M_TRIM_THRESHOLD, 1 << 30);
+  mallopt(M_MMAP_THRESHOLD, 1 << 30);
   const auto least = [&work](int size) {
     double seconds = 1e9;
     for (int trial = 0; trial < 3; ++trial) {

@@ -56,7 +56,9 @@ void RandomScene::build() {
 }
 
 void RandomScene::add_ground() {
-  scene_.bodies.push_back(one_in(4) ? slope(number(-1, 1), number(0, 1.5)) : ground(number(0, 1.5)));
+  const bool slopes = one_in(4);
+  const double mu = number(0, 1.5);
+  scene_.bodies.push_back(slopes ? slope(number(-1, 1), mu) : ground(mu));
   scene_.bodies.back().shapes[0].material = material();
 }
 
@@ -80,7 +82,8 @@ scene::Shape RandomScene::shape() {
       std::array{Type::kSphere, Type::kBox, Type::kBox, Type::kBox, Type::kCylinder, Type::kCapsule, Type::kHull}[next() % 7];
   switch (s.type) {
     case Type::kBox:
-      s.size = size * Vector3d(1, number(0.1, 1), one_in(4) ? 1e-6 : number(0.1, 1));
+      s.size = size * Vector3d(1, 0, one_in(4) ? 1e-6 : number(0.1, 1));
+      s.size.y() = size * number(0.1, 1);
       break;
     case Type::kHull:
       for (int k = 0; k < 6; ++k) s.vertices.push_back(size * (vector(0.4) + Vector3d::Unit(k % 3) * (k < 3 ? 0.7 : -0.7)));
@@ -141,15 +144,23 @@ void RandomScene::add_joint(int parent, int child) {
 }
 
 void RandomScene::disturb(contact_world::World& world) {
-  if (one_in(3))
-    world.apply(static_cast<std::size_t>(index(scene_.bodies.size())), (Wrench() << vector(100), vector(10)).finished());
+  // Draws of one call are made one after the other: compilers evaluate arguments in different orders.
+  if (one_in(3)) {
+    const Wrench F = (Wrench() << vector(100), vector(10)).finished();
+    world.apply(static_cast<std::size_t>(index(scene_.bodies.size())), F);
+  }
   if (!scene_.joints.empty() && one_in(3)) {
     const auto joint = static_cast<std::size_t>(index(scene_.joints.size()));
     const bool has_axis =
         scene_.joints[joint].type == scene::JointType::kRevolute || scene_.joints[joint].type == scene::JointType::kPrismatic;
-    if (has_axis && one_in(2))
-      world.set_tau(joint, number(-10, 10), one_in(2) ? scale(1, 1e6) : 0, one_in(2) ? scale(1e-2, 1e3) : 0, number(-1, 1));
-    if (has_axis && one_in(2)) world.set_motor(joint, number(-2, 2), one_in(4) ? scene::kInfinity : scale(1e-2, 1e3));
+    if (has_axis && one_in(2)) {
+      const double rate = number(-1, 1), damping = one_in(2) ? scale(1e-2, 1e3) : 0, stiffness = one_in(2) ? scale(1, 1e6) : 0;
+      world.set_tau(joint, number(-10, 10), stiffness, damping, rate);
+    }
+    if (has_axis && one_in(2)) {
+      const double most = one_in(4) ? scene::kInfinity : scale(1e-2, 1e3);
+      world.set_motor(joint, number(-2, 2), most);
+    }
   }
   if (one_in(8)) {
     const auto body = static_cast<std::size_t>(index(scene_.bodies.size()));

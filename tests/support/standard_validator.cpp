@@ -103,7 +103,8 @@ const std::map<std::string, Check>& types() {
 const std::map<std::string, Check>& texts() {
   static const std::map<std::string, Check> all = {
       {"string", [](const std::string&) { return true; }},
-      {"uri", [](const std::string&) { return true; }},
+      // RFC 3986, clause 4.2: a colon in the first segment ends a scheme.
+      {"uri", [](const std::string& v) { return matches(v, "[A-Za-z][A-Za-z0-9+.\\-]*:[^]*|[^:/?#]*([/?#][^]*)?"); }},
       {"nonempty", [](const std::string& v) { return !v.empty(); }},
       {"fmi3version", [](const std::string& v) { return matches(v, "3[.](0|[1-9][0-9]*)([.](0|[1-9][0-9]*))?(-.+)?"); }},
       {"ssp1version", [](const std::string& v) { return matches(v, "1[.][0-9]+(-.*)?"); }},
@@ -229,8 +230,9 @@ class Grammar {
   }
   std::string word(const char* end) {
     skip();
-    const std::size_t stop = std::min(text_.find_first_of(end, at_), text_.size());
-    return text_.substr(std::exchange(at_, stop), stop - at_);
+    const std::size_t begin = at_;
+    at_ = std::min(text_.find_first_of(end, at_), text_.size());
+    return text_.substr(begin, at_ - begin);
   }
   void read_rule() {
     const std::string name = word("(");

@@ -284,7 +284,7 @@ TEST(CartesianCompliance, MatricesMayBeGivenInTheWorldTheDesiredAndTheToolFrame)
       EXPECT_NEAR(10000 * turn, expected.cross(f).norm(), 1e-4);
     }
     if (axes != "tool") {
-      EXPECT_EQ(turn, 0);
+      EXPECT_LT(turn, 1e-60);  // rounding; nothing turns it
     }
   }
 }

@@ -36,8 +36,8 @@ class Design {
     for (const char* friction : {"tau_C", "tau_S", "sigma0", "sigma1", "sigma2"}) drive[friction].setZero();
     q_ = unit["q"].size() == 7 ? lwr4_posture() : (VectorXd(6) << 0.2, -1.2, 1.5, 0.3, 0.7, 0.1).finished();
     for (double& angle : q_) angle += draw(-0.5, 0.5);
-    unit["S_T"] = Vector3d(decades(2, 3.7), decades(2, 3.7), decades(2, 3.7));
-    unit["K_o"] = Vector3d(decades(1, 2.5), decades(1, 2.5), decades(1, 2.5));
+    unit["S_T"] = three_decades(2, 3.7);
+    unit["K_o"] = three_decades(1, 2.5);
     unit["shaping"].setConstant(draw(1, fastest_shaping));
     const double K = decades(3.7, 4.7), B = decades(-0.7, 0.3), D = draw(0, 1) < 0.3 ? 0.0 : decades(0, 1.7);
     for (Subject* part : {&unit, &drive}) {
@@ -87,6 +87,10 @@ class Design {
  private:
   double draw(double least, double most) { return std::uniform_real_distribution<double>(least, most)(random_); }
   double decades(double least, double most) { return std::pow(10, draw(least, most)); }
+  Vector3d three_decades(double least, double most) {  // in the same order with every compiler
+    const double z = decades(least, most), y = decades(least, most), x = decades(least, most);
+    return {x, y, z};
+  }
 
   std::mt19937_64 random_;
   std::string robot_;

@@ -30,8 +30,8 @@ using testing::joints;
 /// A symmetric matrix with the given eigenvalues.
 Matrix3d symmetric(Draw& draw, double low, double high) {
   const Matrix3d R = draw.rotation();
-  const Vector3d values(decades(draw, low, high), decades(draw, low, high), decades(draw, low, high));
-  return R * values.asDiagonal() * R.transpose();
+  const double z = decades(draw, low, high), y = decades(draw, low, high), x = decades(draw, low, high);
+  return R * Vector3d(x, y, z).asDiagonal() * R.transpose();
 }
 
 std::vector<int> directions_of(int n) {

@@ -346,8 +346,10 @@ TEST(Dantzig, TopplesSlidesOrHoldsAPushedStack) {
   Dantzig solver;
   int unsolved = 0;
   for (int round = 0; round < 1000; ++round) {
-    const Eigen::Vector3d push(random(-0.05, 0.05), random(-0.05, 0.05), random(-0.01, 0.01));
-    const Problem problem = stack(1 + random.index(6), random(0.05, 0.8), 0.1, true, push);
+    const double z = random(-0.01, 0.01), y = random(-0.05, 0.05),
+                 x = random(-0.05, 0.05);  // in the same order with every compiler
+    const double mu = random(0.05, 0.8);
+    const Problem problem = stack(1 + random.index(6), mu, 0.1, true, Eigen::Vector3d(x, y, z));
     const Solution s = solve(solver, problem, VectorXd::Zero(problem.n()));
     if (s.result.status == Dantzig::Status::kTurnLimit) {
       ++unsolved;

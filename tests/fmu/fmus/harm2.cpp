@@ -35,7 +35,7 @@ int recurse(int depth) {
 void exhaust_memory(bool touch) {
   for (;;) {
     constexpr std::size_t kBytes = 8 << 20;
-    char* bytes = static_cast<char*>(malloc(kBytes));
+    char* volatile bytes = static_cast<char*>(malloc(kBytes));  // volatile: compilers leave out memory that nobody uses
     if (bytes == nullptr) abort();
     if (touch) memset(bytes, 1, kBytes);
   }

@@ -155,7 +155,7 @@ TEST(Dynamics, InverseDynamicsIsMassTimesAccelerationPlusCoriolisPlusGravity) {
     bias(c.mechanism, c.data, c.q, c.dq, h);
     EXPECT_LT(relative(h, c.C(c.q, c.dq) * c.dq + c.g(c.q)), kRounding);
     mass_matrix_and_bias(c.mechanism, c.data, c.q, c.dq, M, h_pass);
-    EXPECT_EQ(M, c.M(c.q));
+    EXPECT_LT(relative(M, c.M(c.q)), kRounding);  // not equal: the compiler fuses the two passes' products and sums differently
     EXPECT_LT(relative(h_pass, h), kRounding);
   });
 }

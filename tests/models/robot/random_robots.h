@@ -23,6 +23,7 @@ inline std::vector<const char*> isas() {
 
 enum class Kind { kChain, kMixedChain, kTree };
 
+/// Draws that belong to one call are made one after the other: compilers evaluate arguments in different orders.
 class Draw {
  public:
   explicit Draw(std::uint64_t seed) : engine_(seed) {}
@@ -44,9 +45,11 @@ class Draw {
   Eigen::Matrix3d rotation() {
     if (integer(0, 2) == 0) {
       const double quarter = std::acos(-1.0) / 2;
-      return rotation_from_rpy(quarter * integer(-1, 2), quarter * integer(-1, 2), quarter * integer(-1, 2));
+      const int yaw = integer(-1, 2), pitch = integer(-1, 2), roll = integer(-1, 2);
+      return rotation_from_rpy(quarter * roll, quarter * pitch, quarter * yaw);
     }
-    return Eigen::AngleAxisd(number(-3.1, 3.1), direction()).toRotationMatrix();
+    const Eigen::Vector3d axis = direction();
+    return Eigen::AngleAxisd(number(-3.1, 3.1), axis).toRotationMatrix();
   }
   Pose pose(double reach) { return {rotation(), numbers(3, -reach, reach)}; }
   /// A box whose centre of mass is not at the frame's origin.
