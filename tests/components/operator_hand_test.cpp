@@ -411,7 +411,7 @@ TEST(OperatorHand, TurnsABodyAsItIntendsAndDoesTheWorkThatTheBodyReceives) {
 TEST(OperatorHand, ItsMomentIsPartOfTheJointTorquesOfAGuidedRobot) {
   Subject s("robot=lwr4&moment=true",
             kHeld + Values{{"waypoint_turn", "0 0 0 0.5 0.2 -0.1"}, {"waypoint_p", "0 0 0 0.1 0.2 0.3"}});
-  const auto q = s.reals("q"), dq = s.reals("dq");
+  const auto q = s.reals("q");
   for (std::size_t j = 0; j < q.size(); ++j) q[j] = 0.3 + 0.1 * static_cast<double>(j);
   s.initialise();
   s.to(0.8);
