@@ -56,6 +56,12 @@ if(COTWIN_SANITIZE)
     add_compile_options(-fno-sanitize=${COTWIN_SANITIZE_NOT})
   endif()
   add_link_options(-fsanitize=${COTWIN_SANITIZE})
+  foreach(sanitizer IN ITEMS address thread)   # clang does not define what g++ defines
+    if(CMAKE_CXX_COMPILER_ID MATCHES Clang AND COTWIN_SANITIZE MATCHES ${sanitizer})
+      string(TOUPPER ${sanitizer} name)
+      add_compile_definitions(__SANITIZE_${name}__=1)
+    endif()
+  endforeach()
   add_compile_definitions(EIGEN_INITIALIZE_MATRICES_BY_NAN)
 endif()
 
