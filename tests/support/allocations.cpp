@@ -30,7 +30,9 @@ namespace {
 
 #else
 
-// These replace the functions of the C library in this program; operator new calls them, too.
+// These replace the functions of the C library in this program and in its shared libraries; operator new calls them, too. Clang would hide them from
+// the libraries as it hides everything else (CMAKE_CXX_VISIBILITY_PRESET).
+#pragma GCC visibility push(default)
 extern "C" {
 void* __libc_malloc(std::size_t);
 void* __libc_calloc(std::size_t, std::size_t);
@@ -59,5 +61,6 @@ int posix_memalign(void** out, std::size_t alignment, std::size_t size) {
   return *out == nullptr ? 12 : 0;  // ENOMEM
 }
 }
+#pragma GCC visibility pop
 
 #endif
