@@ -138,28 +138,6 @@ std::optional<std::pair<double, Outcome>> cheapest(CouplingChoice coupling, doub
   return best;
 }
 
-/// The same for fixed ticks of kTick / n.
-std::optional<std::pair<int, Outcome>> cheapest_fixed(CouplingChoice coupling, double error) {
-  // The divisors of kTick up to 1 microsecond, for ticks of whole nanoseconds.
-  std::vector<int> divisors;
-  for (int n = 1; n <= benchmark::shortened(40'000, 400); ++n) {
-    if (kTick.ns % n == 0) divisors.push_back(n);
-  }
-  std::size_t low = 0, high = divisors.size();
-  std::optional<std::pair<int, Outcome>> best;
-  while (low < high) {
-    const std::size_t middle = (low + high) / 2;
-    const Outcome outcome = oscillate(coupling, divisors[middle], 0);
-    if (outcome.error <= error) {
-      best = {divisors[middle], outcome};
-      high = middle;
-    } else {
-      low = middle + 1;
-    }
-  }
-  return best;
-}
-
 template <class Setting>
 double steps(const std::optional<std::pair<Setting, Outcome>>& found) {
   return found ? static_cast<double>(found->second.steps) : 1e12;  // more than any run here makes
@@ -182,25 +160,14 @@ void two_masses() {
     std::nth_element(all.begin(), all.begin() + 4, all.end());
     return all[4] * 1e3;
   };
-  benchmark::print({"two masses, 5 s, fixed tick of 40 ms, time, implicit", "ms", seconds(CouplingChoice::kImplicit, 0),
-                    "explicit", seconds(CouplingChoice::kExplicit, 0), 0, true});
-
-  // Explicit coupling with step doubling, before there was an implicit one: tolerances of 1e-3 and 1e-5 gave these errors. Its
-  // steps were counted as 3/2 of the parts that were kept, without the tries that missed the tolerance.
-  const std::pair<double, double> targets[] = {{1.5e-3, 2601}, {2.3e-5, 25488}};
-  for (const auto& [error, earlier] : targets) {
+  for (const double error : {1.5e-3, 2.3e-5}) {
     const std::string name = "two masses, 5 s, error of x1 up to " + short_text(error) + " m, ";
     const auto ours = cheapest(CouplingChoice::kImplicit, error), theirs = cheapest(CouplingChoice::kExplicit, error);
-    benchmark::print({name + "steps per unit, implicit, with tolerance", "1", steps(ours), "step doubling (earlier version)",
-                      earlier, 2.0 / 3, true});
     benchmark::print({name + "steps per unit, implicit, with tolerance", "1", steps(ours), "explicit, with tolerance",
                       steps(theirs), 0, true});
     if (ours && theirs)
       benchmark::print({name + "time, implicit, with tolerance", "ms", seconds(CouplingChoice::kImplicit, ours->first),
                         "explicit, with tolerance", seconds(CouplingChoice::kExplicit, theirs->first), 0, true});
-    benchmark::print({name + "steps per unit, implicit, fixed tick", "1",
-                      steps(cheapest_fixed(CouplingChoice::kImplicit, error)), "explicit, fixed tick",
-                      steps(cheapest_fixed(CouplingChoice::kExplicit, error)), 0, true});
   }
 }
 

@@ -1,5 +1,5 @@
 // Reduced dynamics of a 7-joint arm, in processor time of the thread, against the same functions of Orocos KDL and MuJoCo, and
-// against KDL's inverse dynamics as the unit of the goals. Instruction sets that the machine lacks are left out. Usage:
+// against KDL's inverse dynamics as the unit of the goals. COTWIN_CPU chooses another instruction set. Usage:
 // dynamics [robot.urdf]
 
 #include <Eigen/Core>
@@ -11,7 +11,6 @@
 
 #include "models/foundation/support/error.h"
 #include "models/robot/dynamics.h"
-#include "models/robot/kernels/kernels.h"
 #include "models/robot/urdf/urdf.h"
 #include "tests/benchmarks/dynamics_peers.h"
 #include "tests/benchmarks/measure.h"
@@ -65,105 +64,100 @@ int main(int argc, char** argv) {
     benchmark::keep(unit.out);
   };
 
-  std::vector<std::string> isas{choose_kernels(n, true, "x86-64-v4").isa, choose_kernels(n, true, "x86-64-v3").isa,
-                                choose_kernels(n, true, "x86-64-v2").isa};
-  isas.erase(std::unique(isas.begin(), isas.end()), isas.end());
-  for (const std::string& isa : isas) {
-    const Mechanism mechanism(robot, isa.c_str());
-    Data data(mechanism);
-    const FrameOnBody tool = on_body(robot.end_effector());
-    Eigen::VectorXd out(n);
-    Eigen::MatrixXd M(n, n), A(n, n), J(6, n), Y(n, 10 * n), taus(kStates, n);
-    Eigen::Matrix<double, 6, 6> Lambda;
+  const Mechanism mechanism(robot);
+  Data data(mechanism);
+  const FrameOnBody tool = on_body(robot.end_effector());
+  Eigen::VectorXd out(n);
+  Eigen::MatrixXd M(n, n), A(n, n), J(6, n), Y(n, 10 * n), taus(kStates, n);
+  Eigen::Matrix<double, 6, 6> Lambda;
 
-    for (std::size_t s = 0; s < kStates; ++s) {  // check that the peers have the same robot and the same functions
-      for (const auto& peer : peers) {
-        const auto equal = [&](const char* what, const auto& ours, const auto& theirs, double tolerance = 1e-9) {
-          const double difference = (ours - theirs).norm() / (1 + ours.norm());
-          if (difference <= tolerance) return;
-          throw Error(file, peer->name() + "'s " + what + " differs from ours by " + std::to_string(1e9 * difference) + "e-9");
-        };
-        inverse_dynamics(mechanism, data, states.q[s], states.dq[s], states.ddq[s], out);
-        peer->inverse_dynamics(s);
-        equal("torque", out, peer->out);
-        mass_matrix(mechanism, data, states.q[s], M);
-        peer->mass_matrix(s);
-        equal("mass matrix", M, peer->M);
-        jacobian(mechanism, data, states.q[s], tool, J);
-        peer->jacobian(s);
-        equal("Jacobian", J, peer->J);
-        forward_dynamics(mechanism, data, states.q[s], states.dq[s], states.tau[s], out);
-        peer->forward_dynamics(s);
-        equal("acceleration", out, peer->out, 1e-7);  // the mass matrix has a condition of 1e3
-        operational_inertia_inverse(mechanism, data, states.q[s], tool, Lambda);
-        peer->operational_inertia_inverse(s);
-        equal("J M^-1 J^T", Lambda, peer->Lambda);
-      }
-    }
-
-    const auto name = [&](const char* what) { return std::string(what) + ", " + std::to_string(n) + " joints, " + isa; };
-    // Against KDL's inverse dynamics, the unit of the goals.
-    const auto row = [&](const char* what, double goal, auto function) {
-      std::size_t state = 0;
-      const auto figures = benchmark::measure([&] { function(state++ % kStates); }, kdl_inverse_dynamics, kBatches,
-                                              kBatchSeconds, benchmark::thread_seconds);
-      benchmark::print({name(what), "ns", 1e9 * figures.ours, "KDL inverse dynamics", 1e9 * figures.peer, goal});
-    };
-    // The same, and against the same function of each peer.
-    const auto rows = [&](const char* what, double goal, auto theirs, auto function) {
-      row(what, goal, function);
-      for (const auto& peer : peers) {
-        std::size_t state = 0, peer_state = 0;
-        const auto figures = benchmark::measure([&] { function(state++ % kStates); },
-                                                [&] {
-                                                  (*peer.*theirs)(peer_state++ % kStates);
-                                                  benchmark::keep(*peer);
-                                                },
-                                                kBatches, kBatchSeconds, benchmark::thread_seconds);
-        benchmark::print({name(what), "ns", 1e9 * figures.ours, peer->name() + ", the same", 1e9 * figures.peer, 1});
-      }
-    };
-    rows("inverse dynamics", 0.11, &benchmark::DynamicsPeer::inverse_dynamics, [&](std::size_t s) {
+  for (std::size_t s = 0; s < kStates; ++s) {  // check that the peers have the same robot and the same functions
+    for (const auto& peer : peers) {
+      const auto equal = [&](const char* what, const auto& ours, const auto& theirs, double tolerance = 1e-9) {
+        const double difference = (ours - theirs).norm() / (1 + ours.norm());
+        if (difference <= tolerance) return;
+        throw Error(file, peer->name() + "'s " + what + " differs from ours by " + std::to_string(1e9 * difference) + "e-9");
+      };
       inverse_dynamics(mechanism, data, states.q[s], states.dq[s], states.ddq[s], out);
-      benchmark::keep(out);
-    });
-    rows("mass matrix", 0.11, &benchmark::DynamicsPeer::mass_matrix, [&](std::size_t s) {
+      peer->inverse_dynamics(s);
+      equal("torque", out, peer->out);
       mass_matrix(mechanism, data, states.q[s], M);
-      benchmark::keep(M);
-    });
-    rows("forward kinematics and Jacobian", 0.06, &benchmark::DynamicsPeer::jacobian, [&](std::size_t s) {
-      benchmark::keep(jacobian(mechanism, data, states.q[s], tool, J));
-      benchmark::keep(J);
-    });
-    rows("forward dynamics", 0.33, &benchmark::DynamicsPeer::forward_dynamics, [&](std::size_t s) {
+      peer->mass_matrix(s);
+      equal("mass matrix", M, peer->M);
+      jacobian(mechanism, data, states.q[s], tool, J);
+      peer->jacobian(s);
+      equal("Jacobian", J, peer->J);
       forward_dynamics(mechanism, data, states.q[s], states.dq[s], states.tau[s], out);
-      benchmark::keep(out);
-    });
-    rows("J M^-1 J^T", 0.33, &benchmark::DynamicsPeer::operational_inertia_inverse, [&](std::size_t s) {
+      peer->forward_dynamics(s);
+      equal("acceleration", out, peer->out, 1e-7);  // the mass matrix has a condition of 1e3
       operational_inertia_inverse(mechanism, data, states.q[s], tool, Lambda);
-      benchmark::keep(Lambda);
-    });
-    row("Coriolis matrix", 0.35, [&](std::size_t s) {
-      coriolis_matrix(mechanism, data, states.q[s], states.dq[s], M);
-      benchmark::keep(M);
-    });
-    row("regressor", 0.35, [&](std::size_t s) {
-      regressor(mechanism, data, states.q[s], states.dq[s], states.ddq[s], Y);
-      benchmark::keep(Y);
-    });
-    row("derivatives of inverse dynamics", 0.55, [&](std::size_t s) {
-      inverse_dynamics_derivatives(mechanism, data, states.q[s], states.dq[s], states.ddq[s], M, A);
-      benchmark::keep(M);
-    });
-    const auto batch = benchmark::measure(
-        [&] {
-          inverse_dynamics_batch(mechanism, data, kStates, states.by_joint_q.data(), states.by_joint_dq.data(),
-                                 states.by_joint_ddq.data(), taus.data());
-          benchmark::keep(taus);
-        },
-        kdl_inverse_dynamics, kBatches, kBatchSeconds, benchmark::thread_seconds);
-    benchmark::print({"inverse dynamics in a batch, per state, " + std::to_string(n) + " joints, " + isa, "ns",
-                      1e9 * batch.ours / kStates, "KDL inverse dynamics", 1e9 * batch.peer, 0.025});
+      peer->operational_inertia_inverse(s);
+      equal("J M^-1 J^T", Lambda, peer->Lambda);
+    }
   }
+
+  const auto name = [&](const char* what) { return std::string(what) + ", " + std::to_string(n) + " joints"; };
+  // Against KDL's inverse dynamics, the unit of the goals.
+  const auto row = [&](const char* what, double goal, auto function) {
+    std::size_t state = 0;
+    const auto figures = benchmark::measure([&] { function(state++ % kStates); }, kdl_inverse_dynamics, kBatches, kBatchSeconds,
+                                            benchmark::thread_seconds);
+    benchmark::print({name(what), "ns", 1e9 * figures.ours, "KDL inverse dynamics", 1e9 * figures.peer, goal});
+  };
+  // The same, and against the same function of each peer.
+  const auto rows = [&](const char* what, double goal, auto theirs, auto function) {
+    row(what, goal, function);
+    for (const auto& peer : peers) {
+      std::size_t state = 0, peer_state = 0;
+      const auto figures = benchmark::measure([&] { function(state++ % kStates); },
+                                              [&] {
+                                                (*peer.*theirs)(peer_state++ % kStates);
+                                                benchmark::keep(*peer);
+                                              },
+                                              kBatches, kBatchSeconds, benchmark::thread_seconds);
+      benchmark::print({name(what), "ns", 1e9 * figures.ours, peer->name() + ", the same", 1e9 * figures.peer, 1});
+    }
+  };
+  rows("inverse dynamics", 0.11, &benchmark::DynamicsPeer::inverse_dynamics, [&](std::size_t s) {
+    inverse_dynamics(mechanism, data, states.q[s], states.dq[s], states.ddq[s], out);
+    benchmark::keep(out);
+  });
+  rows("mass matrix", 0.11, &benchmark::DynamicsPeer::mass_matrix, [&](std::size_t s) {
+    mass_matrix(mechanism, data, states.q[s], M);
+    benchmark::keep(M);
+  });
+  rows("forward kinematics and Jacobian", 0.06, &benchmark::DynamicsPeer::jacobian, [&](std::size_t s) {
+    benchmark::keep(jacobian(mechanism, data, states.q[s], tool, J));
+    benchmark::keep(J);
+  });
+  rows("forward dynamics", 0.33, &benchmark::DynamicsPeer::forward_dynamics, [&](std::size_t s) {
+    forward_dynamics(mechanism, data, states.q[s], states.dq[s], states.tau[s], out);
+    benchmark::keep(out);
+  });
+  rows("J M^-1 J^T", 0.33, &benchmark::DynamicsPeer::operational_inertia_inverse, [&](std::size_t s) {
+    operational_inertia_inverse(mechanism, data, states.q[s], tool, Lambda);
+    benchmark::keep(Lambda);
+  });
+  row("Coriolis matrix", 0.35, [&](std::size_t s) {
+    coriolis_matrix(mechanism, data, states.q[s], states.dq[s], M);
+    benchmark::keep(M);
+  });
+  row("regressor", 0.35, [&](std::size_t s) {
+    regressor(mechanism, data, states.q[s], states.dq[s], states.ddq[s], Y);
+    benchmark::keep(Y);
+  });
+  row("derivatives of inverse dynamics", 0.55, [&](std::size_t s) {
+    inverse_dynamics_derivatives(mechanism, data, states.q[s], states.dq[s], states.ddq[s], M, A);
+    benchmark::keep(M);
+  });
+  const auto batch = benchmark::measure(
+      [&] {
+        inverse_dynamics_batch(mechanism, data, kStates, states.by_joint_q.data(), states.by_joint_dq.data(),
+                               states.by_joint_ddq.data(), taus.data());
+        benchmark::keep(taus);
+      },
+      kdl_inverse_dynamics, kBatches, kBatchSeconds, benchmark::thread_seconds);
+  benchmark::print({"inverse dynamics in a batch, per state, " + std::to_string(n) + " joints", "ns",
+                    1e9 * batch.ours / kStates, "KDL inverse dynamics", 1e9 * batch.peer, 0.025});
   return 0;
 }

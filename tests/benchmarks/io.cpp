@@ -116,6 +116,7 @@ void benchmark_session(Protocol protocol) {
 }  // namespace
 
 int main() {
-  for (const Protocol protocol : kProtocols) benchmark_codec(protocol, protocol == Protocol::kLwr ? 1 : 2);
+  for (const Protocol protocol : {Protocol::kLwr, Protocol::kSunrise1_15, Protocol::kSunrise2_7})
+    benchmark_codec(protocol, protocol == Protocol::kLwr ? 1 : 2);
   for (const Protocol protocol : {Protocol::kLwr, Protocol::kSunrise1_15, Protocol::kSunrise2_7}) benchmark_session(protocol);
 }

@@ -158,13 +158,7 @@ int main(int argc, char** argv) {
   if (!measures) return 0;
   bool done = report(folder, "FMU of 1e6 variables, cotwin info", {"info", "variables.fmu"}, 3, 1500);
   done = report(folder, "FMU of 1e6 variables, cotwin check", {"check", "variables.fmu"}, 0, 1500) && done;
-  done = report(folder, "FMU of 1e6 variables, cotwin run, 1 step",
-                {"run", "variables.fmu", "--stop-time", "0.001", "--output-interval", "0.001", "--output-variable", "h",
-                 "--quiet"},
-                0, 1500) &&
-         done;
   done = report(folder, "1e6 events, cotwin check", {"check", "events.ssd"}, 3, 1000) && done;
-  done = report(folder, "1e6 events, cotwin run, 1000 ticks", {"run", "events.ssd", "--quiet"}, 0, 1000) && done;
   done = report(folder, "1e6 CSV columns, cotwin run, 1 tick", {"run", "columns.ssd", "--stop", "0.001", "--quiet"}, 5, 1000) &&
          done;
   // 20 bytes a sample

@@ -94,7 +94,6 @@ class Viewer {
 void compare(const std::string& name, Run& watched, Run& alone) {
   const auto figures = benchmark::measure([&] { watched.tick(); }, [&] { alone.tick(); }, 31, 0.05, benchmark::thread_seconds);
   print({"a tick of example 02, " + name, "us", figures.ours * 1e6, "nobody may watch", figures.peer * 1e6});
-  print({"share of the run, " + name, "%", 100 * (figures.ours / figures.peer - 1), "", 0});
 }
 
 /// The gateway of `cotwin run --view`.
@@ -191,11 +190,8 @@ void measure_latency() {
     if (a.tick > 0 && a.tick <= ticks) delays.push_back(1e3 * (a.time - ended[static_cast<std::size_t>(a.tick)]));
   }
   std::ranges::sort(delays);
-  const double n = static_cast<double>(delays.size());
   if (delays.empty()) return;
   print({"from a record to a browser's WebSocket, median", "ms", delays[delays.size() / 2], "", 0, 50, false});
-  print({"from a record to a browser's WebSocket, 99 %", "ms", delays[static_cast<std::size_t>(0.99 * n)], "", 0});
-  print({"messages a second at a browser's WebSocket", "Hz", n / (1e-3 * static_cast<double>(ticks)), "", 0});
 }
 
 }  // namespace

@@ -58,7 +58,6 @@ void print_histogram(const char* what, const master::Histogram& h) {
 void print_delays(const std::string& what, const master::Histogram& h) {
   const auto us = [](std::int64_t ns) { return 1e-3 * static_cast<double>(ns); };
   benchmark::print({what + ", median", "us", us(h.quantile(0.5)), "", 0, 0, false});
-  benchmark::print({what + ", 99.99 %", "us", us(h.quantile(0.9999)), "", 0, 0, false});
   benchmark::print({what + ", largest", "us", us(h.max()), "", 0, 0, false});
 }
 

@@ -1,5 +1,5 @@
-// report [--quick] FOLDER OUT.json [FILTER]: runs the benchmarks in FOLDER whose names contain FILTER; if there is none, runs all of
-// them for the rows whose names contain it. Prints a table and writes the rows as a JSON list. Exit code 1 if a benchmark fails.
+// report [--quick] FOLDER OUT.csv [FILTER]: runs the benchmarks in FOLDER whose names contain FILTER; if there is none, runs all of
+// them for the rows whose names contain it. Prints a table and writes the rows as CSV, with day and machine in its first line. Exit code 1 if a benchmark fails.
 // --quick: runs each with COTWIN_BENCH_QUICK (measure.h) and judges no goal. A benchmark fails if it prints a row whose figures are
 // not numbers, a failed run, no row, or fewer rows than tests/benchmarks/rows.txt has. Adds the counts of benchmarks that passed,
 // failed and were skipped to the file named by COTWIN_COUNTS (scripts/counts.sh). FOLDER/left_out.txt names benchmarks that were
@@ -9,6 +9,7 @@
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>
+#include <ctime>
 #include <filesystem>
 #include <fstream>
 #include <iostream>
@@ -16,6 +17,7 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "tests/support/places.h"
@@ -180,13 +182,43 @@ void print(const std::vector<Row>& rows) {
   }
 }
 
+/// Day, processor, cores, load before the first benchmark, and compiler.
+std::string machine_now() {
+  std::string processor = "unknown processor";
+  for (const std::string& line : lines_of("/proc/cpuinfo")) {
+    if (line.starts_with("model name")) processor = line.substr(line.find(':') + 2);
+  }
+  const std::time_t now = std::time(nullptr);
+  char day[16], load[16];
+  std::strftime(day, sizeof day, "%F", std::gmtime(&now));
+  double average = 0;
+  getloadavg(&average, 1);
+  std::snprintf(load, sizeof load, "%.2f", average);
+  return std::string(day) + "; " + processor + "; " + std::to_string(std::thread::hardware_concurrency()) + " cores; load " +
+         load + "; compiler " + __VERSION__;
+}
+
+void write_csv(const std::vector<Row>& rows, std::ostream& out) {
+  out << "program,name,unit,ours,peer,peer value,ratio,goal,met\n";
+  for (const Row& row : rows) {
+    const std::string goal = row.value("goal", "none");
+    out << row.value("program", "") << ",\"" << row.value("name", "") << "\",\"" << row.value("unit", "") << "\"" << ','
+        << number(row, "ours") << ",\"" << row.value("peer", "") << "\"," << number(row, "peer_value") << ','
+        << number(row, "ratio") << ',' << goal << ','
+        << (goal == "none"            ? ""
+            : row.value("met", false) ? "yes"
+                                      : "no")
+        << '\n';
+  }
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
   std::vector<std::string> arguments(argv + 1, argv + argc);
   const bool quick = std::erase(arguments, "--quick") > 0;
   if (arguments.size() < 2) {
-    std::cerr << "usage: report [--quick] FOLDER OUT.json [FILTER]\n";
+    std::cerr << "usage: report [--quick] FOLDER OUT.csv [FILTER]\n";
     return 2;
   }
   const fs::path folder = arguments[0];
@@ -199,6 +231,8 @@ int main(int argc, char** argv) {
   if (!filter_rows) programs = named;
   if (quick) return run_quickly(folder, programs) ? 0 : 1;
 
+  const std::string machine = "# " + machine_now();
+  std::cout << machine << '\n';
   bool all_ran = true;
   std::vector<Row> rows;
   for (const fs::path& program : programs) {
@@ -214,7 +248,8 @@ int main(int argc, char** argv) {
   print(rows);
   print_left_out(folder);
   std::ofstream out(arguments[1]);
-  out << Row(rows).dump(1) << '\n';
+  out << machine << '\n';
+  write_csv(rows, out);
   if (!out.flush()) {
     std::cerr << arguments[1] << ": cannot be written\n";
     return 1;

@@ -50,9 +50,7 @@ int main() try {
   const double us = kRealTime / median.real_time_factor;
   print("all", us, 0.05);  // at least 20 times real time
   for (const auto& unit : median.units) print(unit.name, unit.share * us, 0);
-  print("exchange", median.exchange_share * us, 0);
-  print("checks", median.check_share * us, 0);
-  print("recording and figures", median.observe_share * us, 0);
+  print("exchange, checks and recording", (median.exchange_share + median.check_share + median.observe_share) * us, 0);
 } catch (const std::exception& error) {
   std::fprintf(stderr, "twin: %s\n", error.what());
   return 1;

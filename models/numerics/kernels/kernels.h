@@ -41,7 +41,7 @@ extern const NumericsKernels kernels_v3, kernels_v4;
 #endif
 
 /// The kernels of the machine's highest level, or those that COTWIN_CPU selects. The highest level is the fastest one for all
-/// functions (`./bench.sh instruction_sets`).
+/// functions (docs/decisions.md).
 const NumericsKernels& kernels();
 /// The kernels of one instruction set ("x86-64-v3"), or the best ones where the machine lacks it: for tests.
 const NumericsKernels& kernels(const char* isa);

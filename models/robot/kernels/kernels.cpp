@@ -17,7 +17,7 @@ const Kernels* of_level(int level) {
   return kernels_v2;
 }
 
-/// Levels by function on Intel's processors with AVX-512: those that `./bench.sh instruction_sets` measured to be the fastest on
+/// Levels by function on Intel's processors with AVX-512: those that were measured (November 2026) to be the fastest on
 /// a Xeon of the fourth generation (Sapphire Rapids); level 4 where both take the same time.
 Kernels intel_kernels(KernelShape shape) {
   using Levels = std::array<int, kKernelShapes>;  // tree, chain, chain of 6, chain of 7

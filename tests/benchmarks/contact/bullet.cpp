@@ -1,5 +1,3 @@
-#include <BulletDynamics/MLCPSolvers/btDantzigSolver.h>
-#include <BulletDynamics/MLCPSolvers/btMLCPSolver.h>
 #include <btBulletDynamicsCommon.h>
 
 #include <Eigen/Geometry>
@@ -7,13 +5,27 @@
 #include <vector>
 
 #include "models/foundation/support/error.h"
-#include "tests/benchmarks/contact/bullet_shapes.h"
 #include "tests/benchmarks/contact/engine.h"
 
 namespace cotwin::benchmark {
 namespace {
 
 constexpr int kIterations = 10;
+constexpr double kMargin = 1e-3;  // m
+
+btVector3 to_bullet(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
+btTransform to_bullet(const Pose& X) {
+  return btTransform(
+      btMatrix3x3(X.R(0, 0), X.R(0, 1), X.R(0, 2), X.R(1, 0), X.R(1, 1), X.R(1, 2), X.R(2, 0), X.R(2, 1), X.R(2, 2)),
+      to_bullet(X.p));
+}
+Eigen::Vector3d from_bullet(const btVector3& v) { return {v.x(), v.y(), v.z()}; }
+Pose from_bullet(const btTransform& X) {
+  Pose out;
+  out.p = from_bullet(X.getOrigin());
+  for (int i = 0; i < 3; ++i) out.R.row(i) = from_bullet(X.getBasis().getRow(i)).transpose();
+  return out;
+}
 
 // A hinge's frame, z along the axis.
 Pose hinge_frame(const Pose& X, const Eigen::Vector3d& axis) {
@@ -27,14 +39,10 @@ Pose hinge_frame(const Pose& X, const Eigen::Vector3d& axis) {
 
 class Bullet final : public Engine {
  public:
-  Bullet(const scene::Scene& scene, double h, bool dantzig, int sweeps)
-      : scene_(scene), h_(h), dispatcher_(&configuration_), pivoting_(&dantzig_) {
-    btConstraintSolver* solver = &sequential_;
-    if (dantzig) solver = &pivoting_;
-    world_ = std::make_unique<btDiscreteDynamicsWorld>(&dispatcher_, &broadphase_, solver, &configuration_);
+  Bullet(const scene::Scene& scene, double h) : scene_(scene), h_(h), dispatcher_(&configuration_) {
+    world_ = std::make_unique<btDiscreteDynamicsWorld>(&dispatcher_, &broadphase_, &solver_, &configuration_);
     world_->setGravity(to_bullet(scene.gravity));
-    world_->getSolverInfo().m_numIterations = sweeps > 0 ? sweeps : kIterations;
-    world_->getSolverInfo().m_minimumSolverBatchSize = dantzig ? 1 : 128;  // as in Bullet's own examples
+    world_->getSolverInfo().m_numIterations = kIterations;
     for (const scene::Body& body : scene.bodies) add(body);
     for (const scene::Joint& joint : scene.joints) add(joint);
     for (const auto& [a, b] : scene.no_contact) body(a).setIgnoreCollisionCheck(&body(b), true);
@@ -63,7 +71,7 @@ class Bullet final : public Engine {
     body(j.parent).applyTorque(-axis);
   }
   void set_motor(std::size_t joint, double dq, double tau_max) override {
-    hinges_[joint]->enableAngularMotor(true, dq, tau_max * h_);
+    joints_[joint]->enableAngularMotor(true, dq, tau_max * h_);
   }
   void apply(std::size_t k, const Wrench& F_C_W) override {
     bodies_[k]->applyCentralForce(to_bullet(F_C_W.head<3>().eval()));
@@ -78,29 +86,17 @@ class Bullet final : public Engine {
     const bool dynamic = body.motion == scene::Motion::kDynamic;
     frames_.push_back(dynamic ? principal(body.inertia) : Principal{});
     const Pose X_WP = body.X_WB * frames_.back().X_BP;
-    btCollisionShape* shape = shapes_.make(body, frames_.back());
-    scene::Material material;
-    if (!body.shapes.empty()) {
-      material = body.shapes[0].material;
-    }
+    btCollisionShape* shape = make_shape(body, frames_.back());
     btRigidBody::btRigidBodyConstructionInfo info(dynamic ? body.inertia.mass : 0, nullptr, shape,
                                                   to_bullet(frames_.back().moments));
     info.m_startWorldTransform = to_bullet(X_WP);
-    info.m_friction = std::sqrt(material.mu);  // the product of both bodies' values counts
-    info.m_restitution = material.restitution;
+    if (!body.shapes.empty())
+      info.m_friction = std::sqrt(body.shapes[0].material.mu);  // the product of both bodies' values counts
     auto b = std::make_unique<btRigidBody>(info);
     const Eigen::Vector3d w = body.V_WB.tail<3>(), v = body.V_WB.head<3>() + w.cross(X_WP.p - body.X_WB.p);
     b->setLinearVelocity(to_bullet(v));
     b->setAngularVelocity(to_bullet(w));
     b->setActivationState(DISABLE_DEACTIVATION);
-    if (std::isfinite(material.stiffness)) b->setContactStiffnessAndDamping(material.stiffness, material.damping);
-    btVector3 centre;
-    btScalar radius = 0;
-    if (dynamic && !body.shapes.empty()) shape->getBoundingSphere(centre, radius);
-    if (radius > 0 && v.norm() * h_ > radius) {
-      b->setCcdMotionThreshold(radius);
-      b->setCcdSweptSphereRadius(0.8 * radius);
-    }
     world_->addRigidBody(b.get());
     bodies_.push_back(std::move(b));
   }
@@ -108,39 +104,34 @@ class Bullet final : public Engine {
   void add(const scene::Joint& joint) {
     const Pose X_P = hinge_frame(X_PJ(joint.parent, joint.X_PJ), joint.axis);
     const Pose X_C = hinge_frame(X_PJ(joint.child, joint.X_CJ), joint.axis);
-    // The second body rotates about z of the first one's frame.
-    hinges_.push_back(nullptr);
-    switch (joint.type) {
-      case scene::JointType::kRevolute: {
-        auto hinge = std::make_unique<btHingeConstraint>(body(joint.child), body(joint.parent), to_bullet(X_C), to_bullet(X_P));
-        hinges_.back() = hinge.get();
-        if (joint.q_min > -scene::kInfinity && joint.q_max < scene::kInfinity) hinge->setLimit(joint.q_min, joint.q_max);
-        joints_.push_back(std::move(hinge));
-        break;
-      }
-      case scene::JointType::kPrismatic: {  // along x of the frames
-        const Pose x_to_z{Eigen::AngleAxisd(-M_PI / 2, Eigen::Vector3d::UnitY()).toRotationMatrix(), Eigen::Vector3d::Zero()};
-        auto slider = std::make_unique<btSliderConstraint>(body(joint.parent), body(joint.child), to_bullet(X_P * x_to_z),
-                                                           to_bullet(X_C * x_to_z), true);
-        slider->setLowerLinLimit(1);  // lower > upper: free
-        slider->setUpperLinLimit(-1);
-        slider->setLowerAngLimit(0);
-        slider->setUpperAngLimit(0);
-        joints_.push_back(std::move(slider));
-        break;
-      }
-      case scene::JointType::kSpherical:
-        joints_.push_back(std::make_unique<btPoint2PointConstraint>(body(joint.child), body(joint.parent), to_bullet(X_C.p),
-                                                                    to_bullet(X_P.p)));
-        break;
-      case scene::JointType::kFixed:
-        joints_.push_back(
-            std::make_unique<btFixedConstraint>(body(joint.child), body(joint.parent), to_bullet(X_C), to_bullet(X_P)));
-        break;
-      case scene::JointType::kScrew:
-        throw Error("joint " + joint.name, "is a screw, which no compared scene has");
-    }
+    if (joint.type != scene::JointType::kRevolute) throw Error("joint " + joint.name, "is not revolute");
+    joints_.push_back(
+        std::make_unique<btHingeConstraint>(body(joint.child), body(joint.parent), to_bullet(X_C), to_bullet(X_P)));
     world_->addConstraint(joints_.back().get(), true);
+  }
+
+  // The body's first shape at X_PS in the frame P of its principal axes; an empty shape if it has none.
+  btCollisionShape* make_shape(const scene::Body& body, const Principal& frame) {
+    if (body.shapes.empty()) return &nothing_;
+    const scene::Shape& shape = body.shapes[0];
+    const Pose X_PS = frame.X_BP.inverse() * shape.X_BS;
+    if (shape.type == scene::ShapeType::kPlane) {
+      shapes_.push_back(std::make_unique<btStaticPlaneShape>(to_bullet(X_PS.R.col(2).eval()), X_PS.R.col(2).dot(X_PS.p)));
+      return shapes_.back().get();
+    }
+    if (shape.type == scene::ShapeType::kSphere) {
+      shapes_.push_back(std::make_unique<btSphereShape>(shape.size.x()));
+    } else if (shape.type == scene::ShapeType::kBox) {
+      shapes_.push_back(std::make_unique<btBoxShape>(to_bullet((0.5 * shape.size).eval())));
+      shapes_.back()->setMargin(kMargin);
+    } else {
+      throw Error("shape " + shape.name, "is neither a sphere, a box nor a plane");
+    }
+    if (X_PS == Pose{}) return shapes_.back().get();
+    auto compound = std::make_unique<btCompoundShape>();
+    compound->addChildShape(to_bullet(X_PS), shapes_.back().get());
+    shapes_.push_back(std::move(compound));
+    return shapes_.back().get();
   }
 
   scene::Scene scene_;
@@ -148,24 +139,17 @@ class Bullet final : public Engine {
   btDefaultCollisionConfiguration configuration_;
   btCollisionDispatcher dispatcher_;
   btDbvtBroadphase broadphase_;
-  btSequentialImpulseConstraintSolver sequential_;
-  btDantzigSolver dantzig_;
-  btMLCPSolver pivoting_;
-  BulletShapes shapes_;
+  btSequentialImpulseConstraintSolver solver_;
+  btEmptyShape nothing_;
+  std::vector<std::unique_ptr<btCollisionShape>> shapes_;
   std::vector<Principal> frames_;
   std::unique_ptr<btDiscreteDynamicsWorld> world_;
   std::vector<std::unique_ptr<btRigidBody>> bodies_;
-  std::vector<std::unique_ptr<btTypedConstraint>> joints_;
-  std::vector<btHingeConstraint*> hinges_;  // of each joint; null for other types
+  std::vector<std::unique_ptr<btHingeConstraint>> joints_;
 };
 
 }  // namespace
 
-std::unique_ptr<Engine> make_bullet_si(const scene::Scene& scene, double h, int sweeps) {
-  return std::make_unique<Bullet>(scene, h, false, sweeps);
-}
-std::unique_ptr<Engine> make_bullet_dantzig(const scene::Scene& scene, double h, int sweeps) {
-  return std::make_unique<Bullet>(scene, h, true, sweeps);
-}
+std::unique_ptr<Engine> make_bullet(const scene::Scene& scene, double h) { return std::make_unique<Bullet>(scene, h); }
 
 }  // namespace cotwin::benchmark

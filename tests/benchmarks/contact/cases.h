@@ -25,15 +25,9 @@ struct Case {
 /// The larger of the worst value so far and a new one; not a number stays.
 inline double worst(double so_far, double now) { return now <= so_far || std::isnan(so_far) ? so_far : now; }
 
-/// The scenes of the contact world's issue, and one that shows how the time grows with the number of bodies.
+/// Arms, stacks, a peg in a slot, and piles that show how the time grows with the number of bodies.
 std::vector<Case> scene_cases();
 /// The public tests that are used to compare contact engines.
 std::vector<Case> public_cases();
-/// Scenes that are made to break engines (tests/support/hard_scenes.h).
-std::vector<Case> loop_cases();     // closed loops, chains, several impacts at once
-std::vector<Case> static_cases();   // friction-critical statics
-std::vector<Case> shape_cases();    // round shapes, fast bodies, overlap, soft contacts
-std::vector<Case> sim_benchmark();  // those of SimBenchmark
-std::vector<Case> foreign_cases();  // damaged, unequal, huge, tiny, fast (tests/support/foreign_scenes.h)
 
 }  // namespace cotwin::benchmark

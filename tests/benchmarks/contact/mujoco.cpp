@@ -16,10 +16,6 @@
 namespace cotwin::benchmark {
 namespace {
 
-constexpr double kSpread = 0.1;  // m: distance of the points that close a hinge
-// MuJoCo has no restitution. A contact with a spring of this frequency (per unit of mass) and the damping ratio of e bounces.
-constexpr double kBounce = 300;  // rad/s
-
 std::size_t index(int k) { return static_cast<std::size_t>(k); }
 
 std::string numbers(std::initializer_list<double> values) {
@@ -40,7 +36,7 @@ std::string place(const Pose& X) {
 /// A scene in MuJoCo's XML format (MJCF). Bodies are named by their index.
 class Document {
  public:
-  Document(const scene::Scene& scene, double h) : scene_(scene), h_(h), trees_(make_trees(scene)) {
+  Document(const scene::Scene& scene, double h) : scene_(scene), h_(h), links_(make_trees(scene)) {
     for (const scene::Body& body : scene.bodies) {
       for (const scene::Shape& shape : body.shapes) {
         by_pairs_ = by_pairs_ || shape.material.mu != first_mu();
@@ -51,10 +47,9 @@ class Document {
       const int k = static_cast<int>(b);
       if (scene.bodies[b].motion != scene::Motion::kDynamic) bodies_ += "<body" + head(k, Pose{}) + geoms(k) + "</body>";
     }
-    for (std::size_t l = 0; l < trees_.links.size(); ++l) {
+    for (std::size_t l = 0; l < links_.size(); ++l) {
       if (on_world(l)) bodies_ += link(l);
     }
-    for (const int j : trees_.loops) close(scene.joints[index(j)]);
     contacts();
   }
 
@@ -65,10 +60,10 @@ class Document {
     return "<mujoco><compiler angle='radian' inertiafromgeom='false' boundinertia='1e-12'/><size nconmax='" +
            std::to_string(contacts) + "' njmax='" + std::to_string(rows) + "'/><option timestep='" + numbers({h_}) +
            "' gravity='" + vector(scene_.gravity) + "' cone='elliptic' impratio='10' integrator='" +
-           (touching_ ? "Euler" : "RK4") + "'/><asset>" + assets_ + "</asset><worldbody>" + bodies_ + "</worldbody><equality>" +
-           equality_ + "</equality><contact>" + contact_ + "</contact></mujoco>";
+           (touching_ ? "Euler" : "RK4") + "'/><worldbody>" + bodies_ + "</worldbody><contact>" + contact_ +
+           "</contact></mujoco>";
   }
-  const Trees& trees() const { return trees_; }
+  const std::vector<Link>& links() const { return links_; }
 
  private:
   double first_mu() const {
@@ -78,14 +73,14 @@ class Document {
     return 0;
   }
   bool fixed(int k) const { return k < 0 || scene_.bodies[index(k)].motion != scene::Motion::kDynamic; }
-  bool on_world(std::size_t l) const { return trees_.links[l].joint < 0 || fixed(trees_.links[l].parent); }
+  bool on_world(std::size_t l) const { return links_[l].joint < 0 || fixed(links_[l].parent); }
 
   std::string head(int k, const Pose& X_WP) const {
     return " name='b" + std::to_string(k) + "'" + place(X_WP.inverse() * scene_.bodies[index(k)].X_WB) + ">";
   }
 
   std::string link(std::size_t l) {
-    const Trees::Link& link = trees_.links[l];
+    const Link& link = links_[l];
     const Inertia& inertia = scene_.bodies[index(link.body)].inertia;
     const Eigen::Matrix3d& I = inertia.I_CC;
     std::string text = "<body" + head(link.body, on_world(l) ? Pose{} : scene_.bodies[index(link.parent)].X_WB);
@@ -93,24 +88,18 @@ class Document {
             numbers({I(0, 0), I(1, 1), I(2, 2), I(0, 1), I(0, 2), I(1, 2)}) + "'/>";
     text += link.joint < 0 ? "<freejoint/>" : joint(link);
     text += geoms(link.body);
-    for (std::size_t c = l + 1; c < trees_.links.size(); ++c) {
-      if (trees_.links[c].joint >= 0 && trees_.links[c].parent == link.body) text += this->link(c);
+    for (std::size_t c = l + 1; c < links_.size(); ++c) {
+      if (links_[c].joint >= 0 && links_[c].parent == link.body) text += this->link(c);
     }
     return text + "</body>";
   }
 
-  std::string joint(const Trees::Link& link) const {
+  std::string joint(const Link& link) const {
     const scene::Joint& joint = scene_.joints[index(link.joint)];
-    if (joint.type == scene::JointType::kFixed) return "";
+    if (joint.type != scene::JointType::kRevolute) throw Error("joint " + joint.name, "is not revolute");
     const Pose& X = link.reversed ? joint.X_PJ : joint.X_CJ;
-    const char* type = joint.type == scene::JointType::kRevolute    ? "hinge"
-                       : joint.type == scene::JointType::kPrismatic ? "slide"
-                                                                    : "ball";
-    std::string text =
-        std::string("<joint type='") + type + "' name='j" + std::to_string(link.joint) + "' pos='" + vector(X.p) + "'";
-    if (joint.type != scene::JointType::kSpherical)
-      text += " axis='" + vector((link.reversed ? -1 : 1) * (X.R * joint.axis)) + "'";
-    return text + "/>";
+    return "<joint type='hinge' name='j" + std::to_string(link.joint) + "' pos='" + vector(X.p) + "' axis='" +
+           vector((link.reversed ? -1 : 1) * (X.R * joint.axis)) + "'/>";
   }
 
   std::string geoms(int k) {
@@ -123,7 +112,6 @@ class Document {
       text +=
           "<geom name='" + name + "'" + place(shape.X_BS) + " condim='3' friction='" + numbers({shape.material.mu, 0, 0}) + "'";
       if (by_pairs_) text += " contype='0' conaffinity='0'";
-      text += stiffness(body, shape.material);
       switch (shape.type) {
         case scene::ShapeType::kSphere:
           text += " type='sphere' size='" + numbers({size.x()}) + "'";
@@ -131,54 +119,15 @@ class Document {
         case scene::ShapeType::kBox:
           text += " type='box' size='" + vector(0.5 * size) + "'";
           break;
-        case scene::ShapeType::kCylinder:
-          text += " type='cylinder' size='" + numbers({size.x(), 0.5 * size.y()}) + "'";
-          break;
-        case scene::ShapeType::kCapsule:
-          text += " type='capsule' size='" + numbers({size.x(), 0.5 * size.y()}) + "'";
-          break;
         case scene::ShapeType::kPlane:
           text += " type='plane' size='0 0 1'";
           break;
-        case scene::ShapeType::kHull: {
-          assets_ += "<mesh name='" + name + "' vertex='";
-          for (const Eigen::Vector3d& v : shape.vertices) assets_ += vector(v);
-          assets_ += "'/>";
-          text += " type='mesh' mesh='" + name + "'";
-          break;
-        }
-        case scene::ShapeType::kTriangle:
-        case scene::ShapeType::kEllipsoid:
-        case scene::ShapeType::kHeightmap:
-          throw Error("shape " + shape.name, "is a triangle, an ellipsoid or a heightmap, which no compared scene has");
+        default:
+          throw Error("shape " + shape.name, "is neither a sphere, a box nor a plane");
       }
       text += "/>";
     }
     return text;
-  }
-
-  // Springs and dampers per unit of mass; the stiffer of both bodies' has the lower priority.
-  static std::string stiffness(const scene::Body& body, const scene::Material& material) {
-    if (std::isfinite(material.stiffness)) {
-      const double mass = body.inertia.mass;
-      return " priority='1' solimp='0.9999 0.9999 0.001' solref='" +
-             numbers({-material.stiffness / mass, -material.damping / mass}) + "'";
-    }
-    if (material.restitution == 0) return "";
-    const double log = std::log(material.restitution), ratio = -log / std::sqrt(M_PI * M_PI + log * log);
-    return " priority='1' solimp='0.99 0.99 0.001' solref='" + numbers({-kBounce * kBounce, -2 * ratio * kBounce}) + "'";
-  }
-
-  void close(const scene::Joint& joint) {
-    if (joint.type == scene::JointType::kPrismatic) throw NotApplicable("MuJoCo: a loop closed by a slider");
-    const bool hinge = joint.type == scene::JointType::kRevolute;
-    for (const double side : {-0.5, 0.5}) {
-      const Eigen::Vector3d shift = hinge ? (side * kSpread * joint.axis).eval() : Eigen::Vector3d::Zero();
-      equality_ += "<connect body1='b" + std::to_string(joint.child) + "'" +
-                   (joint.parent < 0 ? "" : " body2='b" + std::to_string(joint.parent) + "'") + " anchor='" +
-                   vector(joint.X_CJ * shift) + "' solref='" + numbers({2 * h_, 1}) + "' solimp='0.999 0.999 0.001'/>";
-      if (!hinge) return;
-    }
   }
 
   void contacts() {
@@ -199,9 +148,9 @@ class Document {
 
   const scene::Scene& scene_;
   double h_;
-  Trees trees_;
+  std::vector<Link> links_;
   bool by_pairs_ = false, touching_ = false;  // friction differs between bodies
-  std::string assets_, bodies_, equality_, contact_;
+  std::string bodies_, contact_;
 };
 
 void silent(const char*) {}
@@ -225,7 +174,7 @@ class MuJoCo final : public Engine {
     for (std::size_t b = 0; b < scene_.bodies.size(); ++b) {
       ids_.push_back(mj_name2id(model_.get(), mjOBJ_BODY, ("b" + std::to_string(b)).c_str()));
     }
-    for (const Trees::Link& link : document.trees().links) start(link);
+    for (const Link& link : document.links()) start(link);
     mj_forward(model_.get(), data_.get());
   }
 
@@ -268,7 +217,7 @@ class MuJoCo final : public Engine {
   };
 
   // Speeds at the start. A free joint has linear velocity in W and angular velocity in B.
-  void start(const Trees::Link& link) {
+  void start(const Link& link) {
     const scene::Body& body = scene_.bodies[index(link.body)];
     const int id = ids_[index(link.body)];
     if (model_->body_dofnum[id] == 0) return;
@@ -284,24 +233,22 @@ class MuJoCo final : public Engine {
     const scene::Joint& joint = scene_.joints[index(link.joint)];
     addresses_[index(link.joint)] = first;
     signs_[index(link.joint)] = link.reversed ? -1 : 1;
-    if (joint.type == scene::JointType::kSpherical) return;
     const Twist V_parent = link.parent < 0 ? Twist::Zero().eval() : scene_.bodies[index(link.parent)].V_WB;
     const Eigen::Vector3d axis = scene_.bodies[index(joint.child)].X_WB.R * (joint.X_CJ.R * joint.axis);
     const Twist difference = body.V_WB - V_parent;
-    const bool turns = joint.type == scene::JointType::kRevolute;
-    data_->qvel[first] = (link.reversed ? -1 : 1) * axis.dot(turns ? difference.tail<3>() : difference.head<3>());
+    data_->qvel[first] = (link.reversed ? -1 : 1) * axis.dot(difference.tail<3>());
   }
 
   scene::Scene scene_;
   std::unique_ptr<mjModel, Delete> model_;
   std::unique_ptr<mjData, Delete> data_;
   std::vector<int> ids_;        // of each body
-  std::vector<int> addresses_;  // of each joint's speed; −1: closes a loop
+  std::vector<int> addresses_;  // of each joint's speed
   std::vector<int> signs_;
 };
 
 }  // namespace
 
-std::unique_ptr<Engine> make_mujoco(const scene::Scene& scene, double h, int) { return std::make_unique<MuJoCo>(scene, h); }
+std::unique_ptr<Engine> make_mujoco(const scene::Scene& scene, double h) { return std::make_unique<MuJoCo>(scene, h); }
 
 }  // namespace cotwin::benchmark

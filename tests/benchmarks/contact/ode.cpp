@@ -2,19 +2,15 @@
 
 #include <Eigen/Geometry>
 #include <cmath>
-#include <cstdarg>
 #include <vector>
 
 #include "models/foundation/support/error.h"
-#include "models/scene/hull.h"
 #include "tests/benchmarks/contact/engine.h"
 
 namespace cotwin::benchmark {
 namespace {
 
 constexpr int kIterations = 20, kContactsPerPair = 8;
-
-void silent(int, const char*, va_list) {}  // ODE's Dantzig prints every failed pivot
 
 void to_ode(const Eigen::Matrix3d& R, dMatrix3 out) {
   for (int i = 0; i < 3; ++i) {
@@ -33,10 +29,9 @@ Eigen::Matrix3d from_ode(const dReal* R) {
 
 class Ode final : public Engine {
  public:
-  Ode(const scene::Scene& scene, bool dantzig, double h, int sweeps) : scene_(scene), dantzig_(dantzig), h_(h) {
+  explicit Ode(const scene::Scene& scene) : scene_(scene) {
     [[maybe_unused]] static const bool ready = [] {
       dInitODE2(0);
-      dSetMessageHandler(silent);
       return dAllocateODEDataForThread(static_cast<unsigned>(dAllocateMaskAll)) != 0;
     }();
     dRandSetSeed(0);  // order of quickstep's rows: equal in each run
@@ -44,7 +39,7 @@ class Ode final : public Engine {
     space_ = dHashSpaceCreate(nullptr);
     contacts_ = dJointGroupCreate(0);
     dWorldSetGravity(world_, scene.gravity.x(), scene.gravity.y(), scene.gravity.z());
-    dWorldSetQuickStepNumIterations(world_, sweeps > 0 ? sweeps : kIterations);
+    dWorldSetQuickStepNumIterations(world_, kIterations);
     for (std::size_t k = 0; k < scene.bodies.size(); ++k) add(k);
     for (const scene::Joint& joint : scene.joints) add(joint);
   }
@@ -52,14 +47,13 @@ class Ode final : public Engine {
     dJointGroupDestroy(contacts_);
     dSpaceDestroy(space_);
     dWorldDestroy(world_);
-    for (const auto& hull : hulls_) dGeomTriMeshDataDestroy(hull->data);
   }
   Ode(const Ode&) = delete;
   Ode& operator=(const Ode&) = delete;
 
   void step(double h) override {
     dSpaceCollide(space_, this, [](void* self, dGeomID a, dGeomID b) { static_cast<Ode*>(self)->touch(a, b); });
-    dantzig_ ? dWorldStep(world_, h) : dWorldQuickStep(world_, h);
+    dWorldQuickStep(world_, h);
     dJointGroupEmpty(contacts_);
   }
 
@@ -136,68 +130,20 @@ class Ode final : public Engine {
   }
 
   dGeomID make_geom(const scene::Shape& shape) {
-    switch (shape.type) {
-      case scene::ShapeType::kSphere:
-        return dCreateSphere(space_, shape.size.x());
-      case scene::ShapeType::kCylinder:
-        return dCreateCylinder(space_, shape.size.x(), shape.size.y());
-      case scene::ShapeType::kCapsule:
-        return dCreateCapsule(space_, shape.size.x(), shape.size.y());
-      case scene::ShapeType::kHull: {
-        // dCreateConvex penetrates other convex shapes and planes, so a mesh of triangles is used.
-        const scene::Polytope polytope = scene::convex_hull(shape.vertices);
-        Hull& hull = *hulls_.emplace_back(std::make_unique<Hull>());
-        for (const auto& face : polytope.faces) {
-          for (std::uint32_t c = 2; c < face.count; ++c) {
-            for (const std::uint32_t corner : {0u, c - 1, c}) {
-              hull.triangles.push_back(static_cast<dTriIndex>(polytope.corners[face.begin + corner]));
-            }
-          }
-        }
-        for (const Eigen::Vector3d& v : polytope.vertices) hull.points.insert(hull.points.end(), v.begin(), v.end());
-        hull.data = dGeomTriMeshDataCreate();
-        dGeomTriMeshDataBuildDouble(hull.data, hull.points.data(), 3 * sizeof(double),
-                                    static_cast<int>(polytope.vertices.size()), hull.triangles.data(),
-                                    static_cast<int>(hull.triangles.size()), 3 * sizeof(dTriIndex));
-        return dCreateTriMesh(space_, hull.data, nullptr, nullptr, nullptr);
-      }
-      default:
-        return dCreateBox(space_, shape.size.x(), shape.size.y(), shape.size.z());
-    }
+    if (shape.type == scene::ShapeType::kSphere) return dCreateSphere(space_, shape.size.x());
+    if (shape.type == scene::ShapeType::kBox) return dCreateBox(space_, shape.size.x(), shape.size.y(), shape.size.z());
+    throw Error("shape " + shape.name, "is neither a sphere, a box nor a plane");
   }
 
   void add(const scene::Joint& joint) {
+    if (joint.type != scene::JointType::kRevolute) throw Error("joint " + joint.name, "is not revolute");
     const auto body = [&](int k) { return k < 0 ? nullptr : bodies_[static_cast<std::size_t>(k)]; };
     const Pose X_WJ = scene_.bodies[static_cast<std::size_t>(joint.child)].X_WB * joint.X_CJ;
     const Eigen::Vector3d axis = X_WJ.R * joint.axis;
-    dJointID id = nullptr;
-    switch (joint.type) {
-      case scene::JointType::kRevolute:
-        id = dJointCreateHinge(world_, nullptr);
-        dJointAttach(id, body(joint.child), body(joint.parent));
-        dJointSetHingeAnchor(id, X_WJ.p.x(), X_WJ.p.y(), X_WJ.p.z());
-        dJointSetHingeAxis(id, axis.x(), axis.y(), axis.z());
-        if (joint.q_min > -scene::kInfinity) dJointSetHingeParam(id, dParamLoStop, joint.q_min);
-        if (joint.q_max < scene::kInfinity) dJointSetHingeParam(id, dParamHiStop, joint.q_max);
-        break;
-      case scene::JointType::kPrismatic:
-        id = dJointCreateSlider(world_, nullptr);
-        dJointAttach(id, body(joint.child), body(joint.parent));
-        dJointSetSliderAxis(id, axis.x(), axis.y(), axis.z());
-        break;
-      case scene::JointType::kSpherical:
-        id = dJointCreateBall(world_, nullptr);
-        dJointAttach(id, body(joint.child), body(joint.parent));
-        dJointSetBallAnchor(id, X_WJ.p.x(), X_WJ.p.y(), X_WJ.p.z());
-        break;
-      case scene::JointType::kFixed:
-        id = dJointCreateFixed(world_, nullptr);
-        dJointAttach(id, body(joint.child), body(joint.parent));
-        dJointSetFixed(id);
-        break;
-      case scene::JointType::kScrew:
-        throw Error("joint " + joint.name, "is a screw, which no compared scene has");
-    }
+    dJointID id = dJointCreateHinge(world_, nullptr);
+    dJointAttach(id, body(joint.child), body(joint.parent));
+    dJointSetHingeAnchor(id, X_WJ.p.x(), X_WJ.p.y(), X_WJ.p.z());
+    dJointSetHingeAxis(id, axis.x(), axis.y(), axis.z());
     joints_.push_back(id);
   }
 
@@ -211,18 +157,6 @@ class Ode final : public Engine {
       contact[i].surface = {};
       contact[i].surface.mode = dContactApprox1;
       contact[i].surface.mu = std::sqrt(s_a.material.mu * s_b.material.mu);
-      const double bounce = std::max(s_a.material.restitution, s_b.material.restitution);
-      if (bounce > 0) {
-        contact[i].surface.mode |= dContactBounce;
-        contact[i].surface.bounce = bounce;
-      }
-      const double k = 1 / (1 / s_a.material.stiffness + 1 / s_b.material.stiffness);
-      if (std::isfinite(k)) {
-        const double d = std::isfinite(s_a.material.stiffness) ? s_a.material.damping : s_b.material.damping;
-        contact[i].surface.mode |= dContactSoftERP | dContactSoftCFM;
-        contact[i].surface.soft_erp = h_ * k / (h_ * k + d);
-        contact[i].surface.soft_cfm = 1 / (h_ * k + d);
-      }
       dJointAttach(dJointCreateContact(world_, contacts_, contact + i), dGeomGetBody(a), dGeomGetBody(b));
     }
   }
@@ -232,15 +166,7 @@ class Ode final : public Engine {
     scene::Material material;
   };
 
-  struct Hull {  // ODE keeps pointers into it
-    std::vector<double> points;
-    std::vector<dTriIndex> triangles;
-    dTriMeshDataID data = nullptr;
-  };
-
   scene::Scene scene_;
-  bool dantzig_;
-  double h_;
   dWorldID world_;
   dSpaceID space_;
   dJointGroupID contacts_;
@@ -248,16 +174,10 @@ class Ode final : public Engine {
   std::vector<Principal> frames_;
   std::vector<dJointID> joints_;
   std::vector<Surface> materials_;  // of each shape
-  std::vector<std::unique_ptr<Hull>> hulls_;
 };
 
 }  // namespace
 
-std::unique_ptr<Engine> make_ode_quick(const scene::Scene& scene, double h, int sweeps) {
-  return std::make_unique<Ode>(scene, false, h, sweeps);
-}
-std::unique_ptr<Engine> make_ode_dantzig(const scene::Scene& scene, double h, int sweeps) {
-  return std::make_unique<Ode>(scene, true, h, sweeps);
-}
+std::unique_ptr<Engine> make_ode(const scene::Scene& scene, double) { return std::make_unique<Ode>(scene); }
 
 }  // namespace cotwin::benchmark

@@ -13,12 +13,8 @@ namespace cotwin::benchmark {
 /// Steps a scene in an engine: poses and twists after each step, and the times of the steps.
 class Run {
  public:
-  Run(const EngineKind& kind, scene::Scene scene, double h, int sweeps = 0)
-      : scene_(std::move(scene)),
-        h_(h),
-        X_WB(scene_.bodies.size()),
-        V_WB(scene_.bodies.size()),
-        engine_(kind.make(scene_, h, sweeps)) {
+  Run(const EngineKind& kind, scene::Scene scene, double h)
+      : scene_(std::move(scene)), h_(h), X_WB(scene_.bodies.size()), V_WB(scene_.bodies.size()), engine_(kind.make(scene_, h)) {
     for (std::size_t k = 0; k < scene_.bodies.size(); ++k) {
       X_WB[k] = scene_.bodies[k].X_WB;
       V_WB[k] = scene_.bodies[k].V_WB;
@@ -35,7 +31,6 @@ class Run {
 
   Engine& engine() { return *engine_; }
   const scene::Scene& scene() const { return scene_; }
-  double h() const { return h_; }
   /// Time of a step if all steps are alike. The median is hardly affected by other processes.
   double median_microseconds() const {
     std::vector<double> sorted = cpu_;
