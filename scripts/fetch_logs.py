@@ -2,16 +2,18 @@
 """Fetches the measurements and the model of real robots that examples 03 and 06 use from the public repositories of their authors, checks them by
 hash, and writes them in the form of examples/public_data.md.
 
-fetch_logs.py [FOLDER]
+fetch_logs.py [--tests] [FOLDER]
 
 FOLDER: for models/, measurements/ and, in fetched/, the files as published; default: build/public_data, where the examples look for them. A file
-that is already in fetched/ is not fetched again, so that a machine without a network can be given a copy."""
+that is already there is not fetched again, so that a machine without a network can be given a copy. --tests: also the files that only tests use,
+which tests/public_data.txt lists."""
 import hashlib
 import http.client
 import pathlib
 import sqlite3
 import struct
 import sys
+import urllib.parse
 import urllib.request
 import xml.etree.ElementTree as ElementTree
 
@@ -24,12 +26,11 @@ FILES = {
     "ur10_exciting_trajectory.db3": (*SOLVER, "ur10_inverse_dynamics_solver/bagfiles/ur10_exciting_trajectory.db3", "14244fc39e9b42047039824f3c20ab984f9d1b28d5a67e9415cc1b3cc0ac3369"),
     "panda.urdf": (*ROBOTS, "robots/panda_description/urdf/panda.urdf", "63792d2679f22c4e41cda2c4d9d903644e628970ad0656b9eec8485113941555"),
 }
+WRITTEN = ("measurements/panda_unisa.csv", "measurements/ur10_unisa.csv", "models/panda_franka_ros.urdf")
 
 
-def fetch(name, folder):
-    """The bytes of a file; from the network if it is not in `folder`."""
-    repository, commit, path, digest = FILES[name]
-    file = folder / name
+def fetch(file, repository, commit, path, digest):
+    """The bytes of a file; from the network if it does not exist."""
     if not file.exists():
         url = f"https://raw.githubusercontent.com/{repository}/{commit}/{path}"
         try:
@@ -38,6 +39,7 @@ def fetch(name, folder):
         except (OSError, http.client.HTTPException) as error:
             sys.exit(f"{url}: {error}; expected a network, or the file as {file}")
         if hashlib.sha256(content).hexdigest() == digest:
+            file.parent.mkdir(parents=True, exist_ok=True)
             partial = file.with_suffix(".part")
             partial.write_bytes(content)
             partial.rename(file)
@@ -45,7 +47,7 @@ def fetch(name, folder):
         content = file.read_bytes()
     found = hashlib.sha256(content).hexdigest()
     if found != digest:
-        sys.exit(f"{name} of github.com/{repository} has the SHA-256 {found}, expected {digest}; it is not used")
+        sys.exit(f"{file.name} of github.com/{repository} has the SHA-256 {found}, expected {digest}; it is not used")
     return content
 
 
@@ -123,12 +125,19 @@ def write_arm(urdf, target, tip):
 
 
 def main():
-    if len(sys.argv) > 2 or (len(sys.argv) == 2 and sys.argv[1].startswith("-")):
+    arguments = [word for word in sys.argv[1:] if word != "--tests"]
+    if len(arguments) > 1 or any(word.startswith("-") for word in arguments):
         sys.exit(__doc__)
-    folder = pathlib.Path(sys.argv[1] if len(sys.argv) == 2 else ROOT / "build/public_data")
+    folder = pathlib.Path(arguments[0] if arguments else ROOT / "build/public_data")
+    if "--tests" in sys.argv:
+        for line in (ROOT / "tests/public_data.txt").read_text().splitlines():
+            if not line.startswith("#"):
+                name, *source = line.split(" ")
+                fetch(folder / urllib.parse.unquote(name), *source)
+        if all((folder / name).exists() for name in WRITTEN):
+            return
     fetched, models, measurements = (folder / name for name in ("fetched", "models", "measurements"))
-    fetched.mkdir(parents=True, exist_ok=True)
-    contents = {name: fetch(name, fetched) for name in FILES}
+    contents = {name: fetch(fetched / name, *FILES[name]) for name in FILES}
     for each in (models, measurements):
         each.mkdir(exist_ok=True)
     for robot in ("panda", "ur10"):
