@@ -11,7 +11,7 @@ folder=$(cd "$1" && pwd)
 shift
 results=$folder/test_results
 rm -rf "$results"
-mkdir -p "$results"
+mkdir -p "$results/suites"
 
 code=0
 # run_tests NAME OPTIONS…: runs the tests that the options select, unless there are none: then ctest would end with a line that reads like a failure.

@@ -12,6 +12,7 @@
 #include "tests/support/files.h"
 #include "tests/support/places.h"
 
+namespace equations_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -131,3 +132,4 @@ TEST(Equations, HaveTheTestsThatTheMapNames) {
 }
 
 }  // namespace
+}  // namespace equations_test

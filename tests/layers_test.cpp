@@ -13,6 +13,7 @@
 
 #include "tests/support/places.h"
 
+namespace layers_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -281,3 +282,4 @@ TEST(Folders, HaveAFirstHeader) {
 TEST(Layers, TheEngineOfTheContactWorldIncludesNoUnit) { expect_includes_of("components/contact_world/engine", kModels); }
 
 }  // namespace
+}  // namespace layers_test

@@ -11,6 +11,7 @@
 #include "tests/support/places.h"
 #include "tests/support/run_program.h"
 
+namespace reference_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -54,3 +55,4 @@ TEST(Library, ShowsTheUnitOfTheExample) {
 }
 
 }  // namespace
+}  // namespace reference_test

@@ -1,7 +1,7 @@
 // unit:energy: its books against those of the drive train, closed forms of the DC link, rules of servo and brakes.
 #include "components/energy/energy.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -14,7 +14,7 @@
 #include "tests/components/drive_train/harness.h"
 #include "tests/support/error_of.h"
 
-namespace cotwin::energy {
+namespace cotwin::energy::energy_test {
 namespace {
 
 using cotwin::testing::Drive;
@@ -311,4 +311,4 @@ TEST(EnergyUnit, RefusesValuesThatAreNotFiniteOrOutOfRange) {
 }
 
 }  // namespace
-}  // namespace cotwin::energy
+}  // namespace cotwin::energy::energy_test

@@ -1,5 +1,5 @@
 // unit:indices against the functions of models/robot/indices.h, symmetries, closed forms and the figures of the reference pose.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
@@ -16,8 +16,9 @@
 #include "tests/support/error_of.h"
 #include "tests/support/files.h"
 #include "tests/support/places.h"
+#include "tests/support/unit_subject.h"
 
-namespace cotwin::indices {
+namespace cotwin::indices::indices_unit_test {
 namespace {
 
 using cotwin::testing::error_of;
@@ -27,38 +28,21 @@ using robot::find_body_part;
 using robot::load_body_parts;
 using ::testing::HasSubstr;
 
-constexpr Duration kTick{1'000'000};
 constexpr double kDegree = 3.14159265358979323846 / 180;
 
 std::string models() { return places::source() + "/models"; }
 std::vector<double> reference_pose() { return {0, 30 * kDegree, 0, -60 * kDegree, 0, 60 * kDegree, 0}; }
 
-class Subject {
+class Subject : public testing::UnitSubject {
  public:
-  explicit Subject(const std::string& query) {
-    const UnitType type{"indices", "", [](Settings& s) -> std::unique_ptr<Unit> { return std::make_unique<Indices>(s); },
-                        &Indices::declare_settings};
-    instance_ = make_unit("unit:indices?" + query, {}, {models()}, {&type, 1});
-  }
-  std::span<double> operator[](const std::string& name) { return instance_.variables.at(name).reals(); }
-  double real(const std::string& name) { return (*this)[name][0]; }
-  std::string& text(const std::string& name) { return instance_.variables.at(name).strings()[0]; }
-  void set(const std::string& name, const std::vector<double>& values) {
-    ASSERT_EQ(values.size(), (*this)[name].size());
-    std::ranges::copy(values, (*this)[name].begin());
-  }
-  void start() { instance_.unit->initialise(Time{}); }
-  void step() { ASSERT_EQ(instance_.unit->step(Time{}, kTick), StepResult::kDone); }
-  Variables& variables() { return instance_.variables; }
-
- private:
-  Instance instance_;
+  explicit Subject(const std::string& query) : UnitSubject("unit:indices?" + query) {}
+  void initialise() { start(); }
 };
 
 TEST(IndicesUnit, HasTheFiguresOfTheReferencePose) {
   Subject blow("robot=lwr4&frame=link_7");
   blow.set("q", reference_pose());
-  blow.start();
+  blow.initialise();
   EXPECT_NEAR(blow.real("effective_mass"), 3.28702, 5e-6);
   EXPECT_NEAR(blow.real("effective_inertia"), 4.4007e-4, 5e-9);
   // Hand: 0.6 kg, 75 N/mm, 280 N; chest: 40 kg, 25 N/mm, 280 N.
@@ -73,7 +57,7 @@ TEST(IndicesUnit, HasTheFiguresOfTheReferencePose) {
   Subject slow("robot=lwr4&frame=link_7&motors=held&parts=");
   slow.set("q", reference_pose());
   slow.set("B", {3, 3, 2, 2, 1, 0.6, 0.5});  // drive_train.ssv
-  slow.start();
+  slow.initialise();
   EXPECT_NEAR(slow.real("effective_mass"), 8.57909, 5e-6);
   EXPECT_NEAR(slow.real("effective_inertia"), 0.401920, 5e-7);
   EXPECT_EQ(slow.variables().find("v_max"), nullptr);
@@ -90,8 +74,8 @@ TEST(IndicesUnit, TurnsWithTheBase) {
   still.set("u", {u[0], u[1], u[2]});
   turned.set("u", {u_turned[0], u_turned[1], u_turned[2]});
   turned.set("base_quat", {2 * turn.w(), 2 * turn.x(), 2 * turn.y(), 2 * turn.z()});
-  still.start();
-  turned.start();
+  still.initialise();
+  turned.initialise();
   for (const char* name : {"effective_mass", "effective_inertia", "speed", "energy", "kin_v", "dyn_w"})
     EXPECT_NEAR(turned.real(name), still.real(name), 1e-12 * std::abs(still.real(name))) << name;
   const auto centre = [](Subject& s) { return Eigen::Vector3d(s["dyn_v_centre"].data()); };
@@ -106,7 +90,7 @@ TEST(IndicesUnit, AlongTheMotionTheSpeedIsThatOfTheFrame) {
   Subject s("robot=planar2&direction=motion&frame=tip&parts=");
   s.set("q", {0.3, 0.8});
   s.set("u", {1, 0, 1});
-  s.start();
+  s.initialise();
   const double at_rest = s.real("effective_mass");
   EXPECT_EQ(s.real("speed"), 0);
   s.set("dq", {0.5, -0.2});
@@ -121,7 +105,7 @@ TEST(IndicesUnit, AlongTheMotionTheSpeedIsThatOfTheFrame) {
 TEST(IndicesUnit, TellsWhichLimitsWereExceeded) {
   Subject s("robot=lwr4&frame=link_7&parts=palm,sternum,forehead");
   s.set("q", reference_pose());
-  s.start();
+  s.initialise();
   EXPECT_EQ(s.text("warning"), "");
   s.set("dq", {0, 0.75, 0, -0.5, 0, 0, 0});
   s.step();
@@ -142,7 +126,7 @@ TEST(IndicesUnit, TellsWhichLimitsWereExceeded) {
 TEST(IndicesUnit, CountsThePermissiblePressureOnASmallArea) {
   Subject s("robot=lwr4&frame=link_7&parts=chest,pelvis&contact=quasi_static");
   s.set("q", reference_pose());
-  s.start();
+  s.initialise();
   const double chest = s["v_max"][0], pelvis = s["v_max"][1];
   s.set("contact_area", {0.5e-4});
   s.step();
@@ -161,7 +145,7 @@ TEST(IndicesUnit, FollowsAToolThatIsMounted) {
   Subject s("robot=lwr4&frame=link_7");
   s.set("q", reference_pose());
   s.set("transition", {0.02});
-  s.start();
+  s.initialise();
   const double before = s.real("effective_mass");
   const auto pi = robot.bodies[6].inertia.parameters();
   s["mass"][6] = pi[0];
@@ -195,7 +179,7 @@ TEST(IndicesUnit, OfAFloatingRobotRecoilsAndMovesWithItsBase) {
   s.set("base_v", {v[0], v[1], v[2]});
   s.set("base_w", {w[0], w[1], w[2]});
   s.set("u", {u[0], u[1], u[2]});
-  s.start();
+  s.initialise();
 
   using Vector = Eigen::Map<const Eigen::VectorXd>;
   const Vector at(q.data(), 7), rate(dq.data(), 7);
@@ -245,7 +229,7 @@ TEST(IndicesUnit, LeavesOutTheMotorsOfPassiveJoints) {
   for (Subject* s : {&with, &without}) {
     s->set("q", reference_pose());
     s->set("B", {3, 3, 2, 2, 1, 0.6, 0.5});
-    s->start();
+    s->initialise();
     s->step();
   }
   with.set("B", {3, 3, 2, 0, 1, 0.6, 0.5});
@@ -265,18 +249,18 @@ TEST(IndicesUnit, NamesJointsWithoutATorqueLimit) {
   std::ofstream(folder.path() / "arm.urdf") << urdf;
   Subject s("robot=" + (folder.path() / "arm.urdf").string());
   s.set("q", {0.3, 0.8});
-  s.start();
+  s.initialise();
   EXPECT_EQ(s.text("warning"), "tau_max is not given for joints that then add nothing to the dynamic ellipsoids: 2");
   EXPECT_EQ(s["dyn_v_lengths"][1], 0);
   s.set("tau_max", {150, 75});
-  s.start();
+  s.initialise();
   EXPECT_EQ(s.text("warning"), "");
   EXPECT_GT(s["dyn_v_lengths"][1], 0);
 }
 
 TEST(IndicesUnit, IsFiniteAtASingularPose) {
   Subject s("robot=lwr4&frame=link_7&direction=world");
-  s.start();  // stretched upwards
+  s.initialise();  // stretched upwards
   EXPECT_EQ(s.real("effective_mass"), 1e12);
   EXPECT_EQ(s.variables().first_not_finite(), "");
   EXPECT_NEAR(s["v_max"][0], 280 / std::sqrt(0.6 * 75e3), 1e-9);  // as against a wall
@@ -287,7 +271,7 @@ TEST(IndicesUnit, SaysWhatIsWrong) {
   const auto error = [](const std::string& query, const std::string& name, const std::vector<double>& values) {
     Subject s("robot=lwr4" + query);
     if (!name.empty()) s.set(name, values);
-    return error_of([&] { s.start(); });
+    return error_of([&] { s.initialise(); });
   };
   EXPECT_THAT(error("&parts=palm,chets", "", {}), HasSubstr("no body part or region 'chets'; did you mean 'chest'?"));
   EXPECT_THAT(error("&parts=palm,", "", {}), HasSubstr("no body part or region ''"));
@@ -342,4 +326,4 @@ TEST(BodyParts, NameTheLineOfABadValue) {
 }
 
 }  // namespace
-}  // namespace cotwin::indices
+}  // namespace cotwin::indices::indices_unit_test

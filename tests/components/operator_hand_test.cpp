@@ -1,6 +1,6 @@
 #include "components/operator_hand/operator_hand.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
@@ -17,8 +17,9 @@
 #include "models/foundation/support/text.h"
 #include "tests/support/allocations.h"
 #include "tests/support/places.h"
+#include "tests/support/unit_subject.h"
 
-namespace cotwin {
+namespace cotwin::operator_hand_test {
 namespace {
 
 using Eigen::Vector3d;
@@ -27,38 +28,15 @@ using Values = std::vector<std::pair<std::string, std::string>>;
 
 constexpr Duration kTick{1'000'000};
 
-/// A hand of the unit, used like the master does.
-class Subject {
+/// A hand of the unit.
+class Subject : public testing::UnitSubject {
  public:
-  explicit Subject(const std::string& query, const Values& values = {}) {
-    const UnitType type{"operator_hand", "",
-                        [](Settings& s) -> std::unique_ptr<Unit> { return std::make_unique<operator_hand::OperatorHand>(s); },
-                        &operator_hand::OperatorHand::declare_settings};
-    instance_ =
-        make_unit("unit:operator_hand?" + query, {}, {places::source() + std::string("/models"), places::source()}, {&type, 1});
-    for (const auto& [name, value] : values) set(name, value);
-  }
-  void set(const std::string& name, const std::string& value) { assign_text(variables().at(name), value); }
-  std::span<double> reals(const std::string& name) const { return variables().at(name).reals(); }
+  explicit Subject(const std::string& query, const Values& values = {}) : UnitSubject("unit:operator_hand?" + query, values) {}
   std::span<double> rate(const std::string& name) const { return variables().at(name).rate; }
-  double real(const std::string& name) const { return reals(name)[0]; }
-  Vector3d vector(const std::string& name) const { return Vector3d::Map(reals(name).data()); }
-  void put(const std::string& name, const Vector3d& value) { Vector3d::Map(reals(name).data()) = value; }
-  void initialise() {
-    variables().check_ranges();
-    now_ = Time{};
-    instance_.unit->initialise(now_);
-  }
-  void step(Duration h = kTick) {
-    ASSERT_EQ(instance_.unit->step(now_, h), StepResult::kDone);
-    now_ = now_ + h;
-  }
+  void put(const std::string& name, const Vector3d& value) { Vector3d::Map((*this)[name].data()) = value; }
   void to(double t, Duration h = kTick) {
     while (now_ < Time::from_seconds(t)) step(h);
   }
-  double now() const { return now_.seconds(); }
-  const Variables& variables() const { return instance_.variables; }
-  Unit& unit() { return *instance_.unit; }
   std::string error() {
     try {
       initialise();
@@ -68,10 +46,6 @@ class Subject {
     }
     return "no error";
   }
-
- private:
-  Instance instance_;
-  Time now_;
 };
 
 const Values kHeld = {{"grip_t", "-1"}, {"grip_duration", "0"}};  // closed from the start
@@ -198,11 +172,11 @@ TEST(OperatorHand, TakesABodyInItsOrientation) {
   EXPECT_EQ(s.vector("m"), Vector3d::Zero());
   const Eigen::Quaterniond Q(Eigen::AngleAxisd(2.1, Vector3d(1, -2, 3).normalized()));
   const double values[] = {Q.w(), Q.x(), Q.y(), Q.z()};
-  std::copy(values, values + 4, s.reals("quat").begin());
+  std::copy(values, values + 4, s["quat"].begin());
   s.to(3);
   s.step();
   EXPECT_LT(s.vector("m").norm(), 1e-3) << "the turn of 120 degrees before the grip is not turned back";
-  const std::span<const double> Q_i = s.reals("quat_i");
+  const std::span<const double> Q_i = s["quat_i"];
   EXPECT_NEAR(std::abs(Q.dot(Eigen::Quaterniond(Q_i[0], Q_i[1], Q_i[2], Q_i[3]))), 1, 1e-6);
 }
 
@@ -291,7 +265,7 @@ TEST(OperatorHand, PushesTheJointsByTheTransposedJacobian) {
     Subject s(std::string("robot=") + robot, kHeld + Values{{"offset", "0.1 -0.05 0.2"}, {"waypoint_p", "0 0 0 0.1 0.2 0.3"}});
     std::mt19937 random(7);
     std::uniform_real_distribution<double> any(-1, 1);
-    const auto q = s.reals("q"), dq = s.reals("dq");
+    const auto q = s["q"], dq = s["dq"];
     for (double& x : q) x = 0.3 * any(random);
     s.initialise();
     for (int i = 0; i < 200; ++i) {
@@ -299,7 +273,7 @@ TEST(OperatorHand, PushesTheJointsByTheTransposedJacobian) {
       for (double& x : dq) x = any(random);
       s.step();
       double power = 0;
-      for (std::size_t j = 0; j < q.size(); ++j) power += s.reals("tau_e")[j] * dq[j];
+      for (std::size_t j = 0; j < q.size(); ++j) power += s["tau_e"][j] * dq[j];
       const double expected = s.vector("f").dot(s.vector("v"));
       ASSERT_NEAR(power, expected, 1e-9 * (1 + std::abs(expected))) << robot;
       const Vector3d p = s.vector("p"), v = s.vector("v");
@@ -384,7 +358,7 @@ TEST(OperatorHand, TurnsABodyAsItIntendsAndDoesTheWorkThatTheBodyReceives) {
   Vector3d w = Vector3d::Zero();
   const auto show = [&] {
     const double values[] = {Q.w(), Q.x(), Q.y(), Q.z()};
-    std::copy(values, values + 4, s.reals("quat").begin());
+    std::copy(values, values + 4, s["quat"].begin());
     s.put("w", w);
   };
   show();
@@ -411,19 +385,19 @@ TEST(OperatorHand, TurnsABodyAsItIntendsAndDoesTheWorkThatTheBodyReceives) {
 TEST(OperatorHand, ItsMomentIsPartOfTheJointTorquesOfAGuidedRobot) {
   Subject s("robot=lwr4&moment=true",
             kHeld + Values{{"waypoint_turn", "0 0 0 0.5 0.2 -0.1"}, {"waypoint_p", "0 0 0 0.1 0.2 0.3"}});
-  const auto q = s.reals("q");
+  const auto q = s["q"];
   for (std::size_t j = 0; j < q.size(); ++j) q[j] = 0.3 + 0.1 * static_cast<double>(j);
   s.initialise();
   s.to(0.8);
   EXPECT_GT(s.vector("m").norm(), 0.5);
   // The power of tau_e is that of force and moment: by the motion of the frame for each joint alone, by differences.
   const Vector3d f = s.vector("f"), m = s.vector("m");
-  const std::vector<double> tau(s.reals("tau_e").begin(), s.reals("tau_e").end());
+  const std::vector<double> tau(s["tau_e"].begin(), s["tau_e"].end());
   Subject frame("robot=lwr4&moment=true", kHeld + Values{{"waypoint_p", "0 0 0 0 0 0"}, {"D_r", "1 1 1"}, {"K_r", "0 0 0"}});
   for (std::size_t j = 0; j < q.size(); ++j) {
-    std::copy(q.begin(), q.end(), frame.reals("q").begin());
-    std::fill(frame.reals("dq").begin(), frame.reals("dq").end(), 0.0);
-    frame.reals("dq")[j] = 1;
+    std::copy(q.begin(), q.end(), frame["q"].begin());
+    std::fill(frame["dq"].begin(), frame["dq"].end(), 0.0);
+    frame["dq"][j] = 1;
     frame.initialise();
     const Vector3d v = frame.vector("v"), w = -frame.vector("m");  // m = D_r (0 − ω)
     EXPECT_NEAR(tau[j], f.dot(v) + m.dot(w), 1e-9) << j;
@@ -436,7 +410,7 @@ TEST(OperatorHand, GoesBackToAnEarlierStateAndAllocatesNothing) {
                                                {"correction", "2"},
                                                {"grip_t", "0 1"},
                                                {"release_t", "0.6 9"}});
-  const auto q = s.reals("q");
+  const auto q = s["q"];
   s.initialise();
   const auto run = [&](int begin, int end) {
     for (int i = begin; i < end; ++i) {
@@ -458,4 +432,4 @@ TEST(OperatorHand, GoesBackToAnEarlierStateAndAllocatesNothing) {
 }
 
 }  // namespace
-}  // namespace cotwin
+}  // namespace cotwin::operator_hand_test

@@ -1,7 +1,7 @@
 // The unit shared_states: two units in one process, connected over the loopback device.
 #include "components/shared_states/shared_states.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 #include <unistd.h>
 
@@ -15,7 +15,7 @@
 
 #include "tests/support/error_of.h"
 
-namespace cotwin::shared_states {
+namespace cotwin::shared_states::shared_states_test {
 namespace {
 
 using ::testing::ElementsAre;
@@ -338,4 +338,4 @@ TEST(SharedStates, NamesWhatIsWrongInItsSettings) {
 }
 
 }  // namespace
-}  // namespace cotwin::shared_states
+}  // namespace cotwin::shared_states::shared_states_test

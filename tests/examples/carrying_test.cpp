@@ -11,7 +11,7 @@
 #include "master/scenario/scenario.h"
 #include "tests/support/places.h"
 
-namespace cotwin::master {
+namespace cotwin::master::carrying_test {
 namespace {
 
 const std::filesystem::path kSource = places::source();
@@ -106,4 +106,4 @@ TEST(Carrying, GainsNoEnergyInTheClosedChain) {
 }
 
 }  // namespace
-}  // namespace cotwin::master
+}  // namespace cotwin::master::carrying_test

@@ -12,6 +12,7 @@
 #include "tests/support/recording.h"
 #include "tests/support/run_program.h"
 
+namespace ethercat_cell_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -47,3 +48,4 @@ TEST(EtherCatCell, IsOperatedByItsTwinOnTheClockOfTheBus) {
 }
 
 }  // namespace
+}  // namespace ethercat_cell_test

@@ -18,7 +18,7 @@
 //
 // To find bounds: COTWIN_PRINT_FIGURES=1 prints the minimum and the maximum of each figure, and COTWIN_EXAMPLE_SET=a.b=c
 // changes the scenario slightly (scripts/sensitivity.sh).
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 #include <stdlib.h>
 
@@ -39,6 +39,7 @@
 #include "tests/support/recording.h"
 #include "tests/support/run_program.h"
 
+namespace examples_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -284,3 +285,4 @@ std::string name_of(const testing::TestParamInfo<std::string>& file) {
 INSTANTIATE_TEST_SUITE_P(Folder, Example, testing::ValuesIn(expectations()), name_of);
 
 }  // namespace
+}  // namespace examples_test

@@ -16,6 +16,7 @@
 #include "tests/support/places.h"
 #include "tests/support/run_program.h"
 
+namespace lossy_network_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -129,3 +130,4 @@ TEST(LossyNetwork, ARobotAndATwinInStepGiveTheSameBitsAsWithoutLoss) {
 }
 
 }  // namespace
+}  // namespace lossy_network_test

@@ -10,6 +10,7 @@
 #include "tests/support/public_data.h"
 #include "tests/support/run_program.h"
 
+namespace real_robots_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -61,3 +62,4 @@ INSTANTIATE_TEST_SUITE_P(All, RealRobots, ::testing::Values("panda", "ur10", "kr
                          [](const auto& robot) { return robot.param; });
 
 }  // namespace
+}  // namespace real_robots_test

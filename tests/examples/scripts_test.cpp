@@ -1,6 +1,6 @@
 // The scripts of the examples that run several processes (examples/common.sh): however one ends, no process is left and the
 // results up to then are whole; several run at the same time.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 #include <signal.h>
 #include <unistd.h>
@@ -17,6 +17,7 @@
 #include "tests/support/places.h"
 #include "tests/support/run_program.h"
 
+namespace scripts_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -141,3 +142,4 @@ TEST(Script, EndsAllProcessesWithAMessageIfThePortIsInUse) {
 }
 
 }  // namespace
+}  // namespace scripts_test

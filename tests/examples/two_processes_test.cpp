@@ -19,6 +19,7 @@
 #include "tests/support/places.h"
 #include "tests/support/run_program.h"
 
+namespace two_processes_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -175,3 +176,4 @@ TEST(TwoProcesses, NameTheStatesThatDiffer) {
 }
 
 }  // namespace
+}  // namespace two_processes_test

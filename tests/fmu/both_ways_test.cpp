@@ -1,6 +1,6 @@
 // Exports every unit of the generated table as an FMU and imports it again: the same bits, so that a scenario can replace a
 // unit by its FMU in one attribute.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -15,7 +15,7 @@
 #include "tests/support/places.h"
 #include "tests/support/unit_sources.h"
 
-namespace cotwin::fmu {
+namespace cotwin::fmu::both_ways_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -159,7 +159,8 @@ TEST_P(BothWays, TheStepsAreTheSameBitForBit) {
 }
 
 TEST_P(BothWays, AFreshInstanceGoesOnFromASnapshotAsTheUnitDoes) {
-  if (!unit_.unit->restorable()) GTEST_SKIP() << "has effects outside";
+  ASSERT_EQ(fmu_.unit->restorable(), unit_.unit->restorable());
+  if (!unit_.unit->restorable()) return;  // has effects outside
   fmu_.unit->initialise({});
   for (int n = 0; n < kSteps / 2; ++n) {
     excite(fmu_, n);
@@ -183,4 +184,4 @@ INSTANTIATE_TEST_SUITE_P(Units, BothWays, ::testing::ValuesIn(subjects()), [](co
 });
 
 }  // namespace
-}  // namespace cotwin::fmu
+}  // namespace cotwin::fmu::both_ways_test

@@ -1,4 +1,4 @@
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <cstdlib>
@@ -9,7 +9,7 @@
 
 // Callbacks of FMUs that do not pass back the environment that they were given, as those of Overture and Maestro do not, and what
 // is known of calls into FMUs that damage memory.
-namespace cotwin::fmu {
+namespace cotwin::fmu::callbacks_test {
 namespace {
 
 using namespace cotwin::fmu::testing;
@@ -94,4 +94,4 @@ TEST(WatchedCalls, NameOnlyWhatWasStored) {
 }
 
 }  // namespace
-}  // namespace cotwin::fmu
+}  // namespace cotwin::fmu::callbacks_test

@@ -1,6 +1,6 @@
 // Clocks in Co-Simulation: fmus/clocks3.c checks that each of its clocks ticks at the right time, and returns an error
 // otherwise.
-#include <gmock/gmock.h>
+#include <gmock/gmock-more-matchers.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -9,7 +9,7 @@
 #include "tests/fmu/foreign.h"
 #include "tests/support/allocations.h"
 
-namespace cotwin::fmu {
+namespace cotwin::fmu::clocks_test {
 namespace {
 
 using namespace testing;
@@ -183,4 +183,4 @@ TEST_F(Clocks, OfScheduledExecutionOnlyAreAnError) {
 }
 
 }  // namespace
-}  // namespace cotwin::fmu
+}  // namespace cotwin::fmu::clocks_test

@@ -1,5 +1,5 @@
 // Foreign modelDescription.xml files: read correctly, or an Error with the line.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <array>
@@ -15,7 +15,7 @@
 #include "models/foundation/support/error.h"
 #include "tests/fmu/foreign.h"
 
-namespace cotwin::fmu {
+namespace cotwin::fmu::description_test {
 namespace {
 
 using namespace testing;
@@ -414,4 +414,4 @@ TEST(DeclaredDependencies, AreThoseOfTheElements) {
 }
 
 }  // namespace
-}  // namespace cotwin::fmu
+}  // namespace cotwin::fmu::description_test

@@ -1,5 +1,5 @@
 // Files that are written for other tools: model descriptions, archives, file URIs, and the package of an exported unit.
-#include <gmock/gmock.h>
+#include <gmock/gmock-more-matchers.h>
 #include <gtest/gtest.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -16,10 +16,11 @@
 #include "models/robot/urdf/urdf.h"
 #include "tests/support/files.h"
 #include "tests/support/places.h"
+#include "tests/support/public_data.h"
 #include "tests/support/standard_validator.h"
 #include "tests/support/xmllint.h"
 
-namespace cotwin::fmu {
+namespace cotwin::fmu::format_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -213,9 +214,9 @@ TEST_P(Description, FollowsTheStandardWithEveryElement) {
 
 TEST_P(Description, ValidatesWithEveryElement) {
   const bool two = GetParam() == Version::k2;
-  const fs::path schema = fs::path(places::shared()) / "data/schemas" /
+  const fs::path schema = fs::path(places::public_data("schemas")) /
                           (two ? "fmi2/fmi2ModelDescription.xsd" : "fmi3-3.0.2/fmi3ModelDescription.xsd");
-  if (!fs::exists(schema)) GTEST_SKIP() << "no schema " << schema;
+  if (!fs::exists(schema)) GTEST_SKIP() << "needs schemas (scripts/fetch_logs.py --tests)";
   TemporaryFolder folder;
   const fs::path file = folder.path() / "modelDescription.xml";
   std::ofstream(file) << to_xml(full(GetParam()));
@@ -525,4 +526,4 @@ TEST_F(Archives, OpeningAFifoDoesNotBlock) {
 }
 
 }  // namespace
-}  // namespace cotwin::fmu
+}  // namespace cotwin::fmu::format_test

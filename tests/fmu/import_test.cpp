@@ -1,5 +1,5 @@
 // Co-Simulation of FMUs with unusual behaviour; their sources and models are in fmus/rogue2.c and rogue3.c.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #ifdef __SANITIZE_ADDRESS__
@@ -15,7 +15,7 @@
 #include "tests/support/allocations.h"
 #include "tests/support/error_of.h"
 
-namespace cotwin::fmu {
+namespace cotwin::fmu::import_test {
 namespace {
 
 using namespace testing;
@@ -612,4 +612,4 @@ TEST_F(Import, KeepsUnchangedStartValuesInANewInstance) {
 }
 
 }  // namespace
-}  // namespace cotwin::fmu
+}  // namespace cotwin::fmu::import_test

@@ -1,5 +1,5 @@
 // Correct and incorrect calls of a host to an exported unit, in both versions of FMI, with a unit for this test (probe.h).
-#include <gmock/gmock.h>
+#include <gmock/gmock-more-matchers.h>
 #include <gtest/gtest.h>
 #include <malloc.h>
 
@@ -16,7 +16,7 @@
 #include "tests/fmu/driver.h"
 #include "tests/fmu/probe.h"
 
-namespace cotwin::fmu {
+namespace cotwin::fmu::interface_test {
 namespace {
 
 using ::testing::AllOf;
@@ -668,4 +668,4 @@ INSTANTIATE_TEST_SUITE_P(Fmi, InterfaceOfFmi2, ::testing::Values(Version::k2), [
 INSTANTIATE_TEST_SUITE_P(Fmi, InterfaceOfFmi3, ::testing::Values(Version::k3), [](const auto&) { return std::string("3"); });
 
 }  // namespace
-}  // namespace cotwin::fmu
+}  // namespace cotwin::fmu::interface_test

@@ -1,7 +1,7 @@
 // Loading: hostile archives, missing parts of FMUs, and no files left behind.
 #include <dirent.h>
 #include <fcntl.h>
-#include <gmock/gmock.h>
+#include <gmock/gmock-more-matchers.h>
 #include <gtest/gtest.h>
 #include <malloc.h>
 #include <sys/file.h>
@@ -24,7 +24,7 @@
 #include "tests/support/places.h"
 #include "tests/support/run_program.h"
 
-namespace cotwin::fmu {
+namespace cotwin::fmu::load_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -358,4 +358,4 @@ TEST(Elf, RefusesTruncatedAndDamagedFiles) {
 }
 
 }  // namespace
-}  // namespace cotwin::fmu
+}  // namespace cotwin::fmu::load_test

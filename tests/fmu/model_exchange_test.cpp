@@ -1,5 +1,5 @@
 // The model of fmus/ball.h, integrated by Cotwin, in both versions of FMI; its solutions are closed forms.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -8,7 +8,7 @@
 #include "tests/fmu/foreign.h"
 #include "tests/support/allocations.h"
 
-namespace cotwin::fmu {
+namespace cotwin::fmu::model_exchange_test {
 namespace {
 
 using namespace testing;
@@ -161,4 +161,4 @@ TEST(ModelExchangeOfFmi3, RefusesTooManyStates) {
 }
 
 }  // namespace
-}  // namespace cotwin::fmu
+}  // namespace cotwin::fmu::model_exchange_test

@@ -1,6 +1,6 @@
 // Runs the FMUs for Windows and ARM, as built by scripts/cross.sh, there (wine, qemu) and here with the same script
 // (player/player.c): every unit with all of its variants, and a scenario as one FMU.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <bit>
@@ -31,6 +31,7 @@ namespace cotwin::fmu {
 
 static void PrintTo(Version version, std::ostream* out) { *out << "FMI " << static_cast<int>(version); }
 
+namespace platforms_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -564,4 +565,5 @@ TEST(Check, ListsTheNeedsAndErrorsOfEachPlatformsLibrary) {
 }
 
 }  // namespace
+}  // namespace platforms_test
 }  // namespace cotwin::fmu

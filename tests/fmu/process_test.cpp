@@ -1,6 +1,6 @@
 // FMUs in a process of their own.
 #include <dirent.h>
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 #include <signal.h>
 #include <sys/wait.h>
@@ -14,7 +14,7 @@
 #include "models/foundation/support/error.h"
 #include "tests/fmu/foreign.h"
 
-namespace cotwin::fmu {
+namespace cotwin::fmu::process_test {
 namespace {
 
 using namespace testing;
@@ -360,4 +360,4 @@ TEST_F(HarmfulFmu, MayWriteAnythingAndTheBeginningIsShown) {
 }
 
 }  // namespace
-}  // namespace cotwin::fmu
+}  // namespace cotwin::fmu::process_test

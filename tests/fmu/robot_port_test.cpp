@@ -1,6 +1,6 @@
 // unit:io with a robot behind it as FMU: a simulator that knows nothing of FRI gets a robot's port. Two FMUs talk to each other, and
 // one talks to the program `cotwin robot` in another process.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 #include <signal.h>
 
@@ -16,7 +16,7 @@
 #include "tests/support/patience.h"
 #include "tests/support/run_program.h"
 
-namespace cotwin::fmu {
+namespace cotwin::fmu::robot_port_test {
 namespace {
 
 using testing::Driver;
@@ -177,4 +177,4 @@ INSTANTIATE_TEST_SUITE_P(Versions, RobotPort,
                          });
 
 }  // namespace
-}  // namespace cotwin::fmu
+}  // namespace cotwin::fmu::robot_port_test

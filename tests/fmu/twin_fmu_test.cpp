@@ -1,5 +1,5 @@
 // A whole scenario as one FMU, compared with the run of the scenario in the master: example 02, shortened, with an event.
-#include <gmock/gmock.h>
+#include <gmock/gmock-more-matchers.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -19,11 +19,12 @@
 #include "tests/fmu/old_glibc.h"
 #include "tests/support/allocations.h"
 #include "tests/support/places.h"
+#include "tests/support/public_data.h"
 #include "tests/support/run_program.h"
 #include "tests/support/standard_validator.h"
 #include "tests/support/xmllint.h"
 
-namespace cotwin::master {
+namespace cotwin::master::twin_fmu_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -149,7 +150,7 @@ class TwinFmu : public ::testing::TestWithParam<Version> {
       for (const Variable& v : member.variables()) {
         if (v.kind() == Kind::kString) continue;
         const std::string name = member.name() + "." + v.name;
-        ASSERT_EQ(bits(d, layout_.variables.at(name)), master::bits(v)) << name << " differs " << when;
+        ASSERT_EQ(bits(d, layout_.variables.at(name)), twin_fmu_test::bits(v)) << name << " differs " << when;
       }
     }
   }
@@ -171,9 +172,9 @@ TEST_P(TwinFmu, HasADescriptionThatFollowsTheStandard) {
 }
 
 TEST_P(TwinFmu, HasADescriptionThatTheSchemaAccepts) {
-  const fs::path schema = fs::path(places::shared()) / "data/schemas" /
+  const fs::path schema = fs::path(places::public_data("schemas")) /
                           (GetParam() == Version::k2 ? "fmi2/fmi2ModelDescription.xsd" : "fmi3-3.0.2/fmi3ModelDescription.xsd");
-  if (!fs::exists(schema)) GTEST_SKIP() << "no schema " << schema;
+  if (!fs::exists(schema)) GTEST_SKIP() << "needs schemas (scripts/fetch_logs.py --tests)";
   EXPECT_EQ(cotwin::testing::schema_errors(schema, fmu_->folder() / "modelDescription.xml"), "");
 }
 
@@ -460,4 +461,4 @@ TEST(TwinArchive, IsWrittenByTheProgram) {
 }
 
 }  // namespace
-}  // namespace cotwin::master
+}  // namespace cotwin::master::twin_fmu_test

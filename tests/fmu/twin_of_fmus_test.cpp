@@ -1,6 +1,6 @@
 // A scenario whose components are FMUs of Cotwin and foreign FMUs, as one FMU: compared with the run of the scenario in the
 // master.
-#include <gmock/gmock.h>
+#include <gmock/gmock-more-matchers.h>
 #include <gtest/gtest.h>
 
 #include <array>
@@ -22,10 +22,11 @@
 #include "tests/fmu/driver.h"
 #include "tests/fmu/foreign.h"
 #include "tests/support/places.h"
+#include "tests/support/public_data.h"
 #include "tests/support/standard_validator.h"
 #include "tests/support/xmllint.h"
 
-namespace cotwin::master {
+namespace cotwin::master::twin_of_fmus_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -321,9 +322,9 @@ TEST_P(TwinOfFmus, HasADescriptionThatFollowsTheStandard) {
 }
 
 TEST_P(TwinOfFmus, HasADescriptionThatTheSchemaAccepts) {
-  const fs::path schema = fs::path(places::shared()) / "data/schemas" /
+  const fs::path schema = fs::path(places::public_data("schemas")) /
                           (GetParam() == Version::k2 ? "fmi2/fmi2ModelDescription.xsd" : "fmi3-3.0.2/fmi3ModelDescription.xsd");
-  if (!fs::exists(schema)) GTEST_SKIP() << "no schema " << schema;
+  if (!fs::exists(schema)) GTEST_SKIP() << "needs schemas (scripts/fetch_logs.py --tests)";
   const LoadedFmu loaded(pack(with_foreign_fmus(folder_.path(), other()), GetParam(), folder_.path() / "twin.fmu"), "twin",
                          GetParam());
   EXPECT_EQ(cotwin::testing::schema_errors(schema, loaded.folder() / "modelDescription.xml"), "");
@@ -629,4 +630,4 @@ TEST(ForeignPackage, RefusesInvalidDescriptions) {
 }
 
 }  // namespace
-}  // namespace cotwin::master
+}  // namespace cotwin::master::twin_of_fmus_test

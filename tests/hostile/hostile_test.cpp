@@ -1,6 +1,6 @@
 // Runs the program on damaged and malicious files: it ends by itself within limits of time and memory, and names the faulty
 // file.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
@@ -17,7 +17,7 @@
 #include "tests/support/places.h"
 #include "tests/support/run_program.h"
 
-namespace cotwin::hostile {
+namespace cotwin::hostile::hostile_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -366,4 +366,4 @@ TEST_F(Hostile, PackagesEndWithAMessage) {
 }
 
 }  // namespace
-}  // namespace cotwin::hostile
+}  // namespace cotwin::hostile::hostile_test

@@ -10,7 +10,7 @@
 #include "models/mechanics/inertia.h"
 #include "models/mechanics/pose.h"
 
-namespace cotwin {
+namespace cotwin::mechanics_test {
 namespace {
 
 using Eigen::Matrix3d;
@@ -222,4 +222,4 @@ TEST(Inertia, ViolatingTheTriangleInequalityIsFoundInAnyOrientationAndScale) {
 }
 
 }  // namespace
-}  // namespace cotwin
+}  // namespace cotwin::mechanics_test

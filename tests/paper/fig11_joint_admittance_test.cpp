@@ -13,7 +13,7 @@
 #include "master/run/master.h"
 #include "tests/support/places.h"
 
-namespace cotwin::master {
+namespace cotwin::master::fig11_joint_admittance_test {
 namespace {
 
 const std::filesystem::path kExample = std::filesystem::path(places::source()) / "examples/01_joint_admittance";
@@ -124,4 +124,4 @@ INSTANTIATE_TEST_SUITE_P(Tracking, Fig11, testing::Values("0", "1"), [](const au
 });
 
 }  // namespace
-}  // namespace cotwin::master
+}  // namespace cotwin::master::fig11_joint_admittance_test

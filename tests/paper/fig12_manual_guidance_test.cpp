@@ -18,7 +18,7 @@
 #include "models/foundation/support/text.h"
 #include "tests/support/places.h"
 
-namespace cotwin::master {
+namespace cotwin::master::fig12_manual_guidance_test {
 namespace {
 
 const std::filesystem::path kExample = std::filesystem::path(places::source()) / "examples/09_manual_guidance";
@@ -219,4 +219,4 @@ INSTANTIATE_TEST_SUITE_P(Loop, Fig12Chart,
                          });
 
 }  // namespace
-}  // namespace cotwin::master
+}  // namespace cotwin::master::fig12_manual_guidance_test

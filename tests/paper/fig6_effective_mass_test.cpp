@@ -11,7 +11,7 @@
 #include "models/robot/urdf/urdf.h"
 #include "tests/support/places.h"
 
-namespace cotwin::robot {
+namespace cotwin::robot::fig6_effective_mass_test {
 namespace {
 
 using Eigen::MatrixXd;
@@ -125,4 +125,4 @@ TEST(Fig6, DescentOfTheGradientInTheNullSpaceEndsAtAMinimumFromAnyStart) {
 }
 
 }  // namespace
-}  // namespace cotwin::robot
+}  // namespace cotwin::robot::fig6_effective_mass_test

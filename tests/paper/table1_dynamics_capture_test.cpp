@@ -16,7 +16,7 @@
 #include "tests/support/public_data.h"
 #include "tests/support/run_program.h"
 
-namespace cotwin::master {
+namespace cotwin::master::table1_dynamics_capture_test {
 namespace {
 
 const std::filesystem::path kExample = std::filesystem::path(places::source()) / "examples/03_dynamics_capture";
@@ -158,4 +158,4 @@ TEST(Table1, Ur10IsCapturedWithTheFrictionOfItsNearestRelative) {
 }
 
 }  // namespace
-}  // namespace cotwin::master
+}  // namespace cotwin::master::table1_dynamics_capture_test

@@ -10,7 +10,7 @@
 #include "tests/support/contact_scenes.h"
 #include "tests/support/foreign_scenes.h"
 
-namespace cotwin::testing {
+namespace cotwin::testing::hard_scenes_test {
 namespace {
 
 constexpr double kGravity = 9.81;
@@ -102,4 +102,4 @@ TEST(HardScenes, CardHouseHasItsCards) {
 }
 
 }  // namespace
-}  // namespace cotwin::testing
+}  // namespace cotwin::testing::hard_scenes_test

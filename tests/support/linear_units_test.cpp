@@ -12,7 +12,7 @@
 #include "tests/support/allocations.h"
 #include "tests/support/error_of.h"
 
-namespace cotwin::testing {
+namespace cotwin::testing::linear_units_test {
 namespace {
 
 constexpr Time kStart{0};
@@ -235,4 +235,4 @@ TEST(LinearUnits, MassAndSpringThatExchangeFinelyOscillate) {
 }
 
 }  // namespace
-}  // namespace cotwin::testing
+}  // namespace cotwin::testing::linear_units_test

@@ -2,7 +2,7 @@
 // standards.
 #include "tests/support/standard_validator.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-more-matchers.h>
 #include <gtest/gtest.h>
 
 #include <array>
@@ -16,8 +16,9 @@
 #include "fmu/archive/archive.h"
 #include "tests/fmu/foreign.h"
 #include "tests/support/places.h"
+#include "tests/support/public_data.h"
 
-namespace cotwin::testing {
+namespace cotwin::testing::standard_validator_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -412,8 +413,9 @@ std::string mutated(const std::string& text, std::mt19937& random) {
 }
 
 TEST(StandardValidator, AgreesWithTheSchemasOnMutatedDocuments) {
-  const fs::path schemas = fs::path(places::shared()) / "data/schemas";
-  if (!fs::exists(schemas) || std::system("xmllint --version >/dev/null 2>&1") != 0) GTEST_SKIP() << "no schemas or no xmllint";
+  const fs::path schemas = fs::path(places::public_data("schemas"));
+  if (!fs::exists(schemas) || std::system("xmllint --version >/dev/null 2>&1") != 0)
+    GTEST_SKIP() << "needs schemas (scripts/fetch_logs.py --tests) and xmllint";
   static constexpr const char* kSchemas[] = {"fmi2/fmi2ModelDescription.xsd", "fmi3-3.0.2/fmi3ModelDescription.xsd",
                                              "ssp1/SystemStructureDescription.xsd", "ssp1/SystemStructureParameterValues.xsd"};
   constexpr int kMutants = 1500;
@@ -452,4 +454,4 @@ TEST(StandardValidator, AgreesWithTheSchemasOnMutatedDocuments) {
 }
 
 }  // namespace
-}  // namespace cotwin::testing
+}  // namespace cotwin::testing::standard_validator_test

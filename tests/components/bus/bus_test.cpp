@@ -17,7 +17,7 @@
 #include "tests/support/allocations.h"
 #include "tests/support/error_of.h"
 
-namespace cotwin::bus {
+namespace cotwin::bus::bus_test {
 namespace {
 
 constexpr std::int64_t kLong = 60'000'000'000;  // ns; no test waits that long
@@ -343,4 +343,4 @@ TEST(Bus, RefusesTheThirtyThirdSubscriber) {
 }
 
 }  // namespace
-}  // namespace cotwin::bus
+}  // namespace cotwin::bus::bus_test

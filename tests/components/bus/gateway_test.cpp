@@ -18,7 +18,7 @@
 #include "tests/support/allocations.h"
 #include "tests/support/error_of.h"
 
-namespace cotwin::bus {
+namespace cotwin::bus::gateway_test {
 namespace {
 
 constexpr std::int64_t kLong = 60'000'000'000;  // ns; no test waits that long
@@ -341,4 +341,4 @@ TEST(GatewayThread, OneDescriptorWakesForSignalsAndForAnswers) {
 }
 
 }  // namespace
-}  // namespace cotwin::bus
+}  // namespace cotwin::bus::gateway_test

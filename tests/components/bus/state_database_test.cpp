@@ -2,7 +2,7 @@
 // transports.
 #include "components/bus/state_database.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -21,7 +21,7 @@
 #include "tests/support/database_trial.h"
 #include "tests/support/error_of.h"
 
-namespace cotwin::bus {
+namespace cotwin::bus::state_database_test {
 namespace {
 
 using ::testing::HasSubstr;
@@ -684,4 +684,4 @@ TEST(UdpTransport, DropsAMessageOfWhichAFragmentIsLost) {
 }
 
 }  // namespace
-}  // namespace cotwin::bus
+}  // namespace cotwin::bus::state_database_test

@@ -7,7 +7,7 @@
 
 #include "components/compliance/joints/second_order.h"
 
-namespace cotwin::compliance {
+namespace cotwin::compliance::admittance_test {
 namespace {
 
 // Rounding of the series and of up to ~20 doublings, relative to the largest term.
@@ -93,4 +93,4 @@ TEST(SecondOrder, NoStepIsTooLongForAStiffRelation) {
 }
 
 }  // namespace
-}  // namespace cotwin::compliance
+}  // namespace cotwin::compliance::admittance_test

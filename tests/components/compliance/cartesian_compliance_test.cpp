@@ -8,7 +8,7 @@
 #include "tests/components/compliance/cartesian_harness.h"
 #include "tests/support/error_of.h"
 
-namespace cotwin::testing {
+namespace cotwin::testing::cartesian_compliance_test {
 namespace {
 
 using Eigen::Quaterniond;
@@ -619,4 +619,4 @@ TEST(CartesianCompliance, RefusesWhatItCannotRenderWithOneSentence) {
 }
 
 }  // namespace
-}  // namespace cotwin::testing
+}  // namespace cotwin::testing::cartesian_compliance_test

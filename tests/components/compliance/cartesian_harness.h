@@ -15,6 +15,7 @@
 #include "models/robot/robot_model.h"
 #include "models/robot/urdf/urdf.h"
 #include "tests/support/places.h"
+#include "tests/support/unit_subject.h"
 
 /// The compliance unit with space=cartesian, alone or with the drive train of its robot.
 namespace cotwin::testing {
@@ -27,24 +28,18 @@ inline Eigen::VectorXd lwr4_posture() {
   return q;
 }
 
-class Subject {
+class Subject : public UnitSubject {
  public:
   Subject(const std::string& source, const std::string& robot)
-      : instance_(make_unit(source, {{"robot", robot}}, {std::filesystem::path(places::source()) / "models"}, unit_types())) {}
+      : UnitSubject(source + (source.find('?') == std::string::npos ? '?' : '&') + "robot=" + robot) {}
 
   Eigen::Map<Eigen::VectorXd> operator[](const char* name) const {
-    const std::span<double> reals = instance_.variables.at(name).reals();
+    const std::span<double> reals = variables().at(name).reals();
     return {reals.data(), static_cast<Eigen::Index>(reals.size())};
   }
+  void initialise() { start(); }
   double value(const char* name) const { return (*this)[name][0]; }
-  void set(const char* name, std::string_view values) { assign_text(instance_.variables.at(name), values); }
-  void initialise() { instance_.unit->initialise({}); }
-  void step(Duration h = kMillisecond) { ASSERT_EQ(instance_.unit->step({}, h), StepResult::kDone); }
-  std::string warning() const { return instance_.variables.at("warning").strings()[0]; }
-  Instance& instance() { return instance_; }
-
- private:
-  Instance instance_;
+  std::string warning() const { return text("warning"); }
 };
 
 /// Kinematics of a robot of the project by name, for comparisons.

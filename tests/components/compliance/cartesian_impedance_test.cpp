@@ -7,7 +7,7 @@
 #include "tests/components/compliance/cartesian_harness.h"
 #include "tests/support/error_of.h"
 
-namespace cotwin::testing {
+namespace cotwin::testing::cartesian_impedance_test {
 namespace {
 
 using Eigen::Vector3d;
@@ -580,4 +580,4 @@ TEST(CartesianWalls, SaturatedMotorsBrakeTheFrameWhereThatIsAskedFor) {
 }
 
 }  // namespace
-}  // namespace cotwin::testing
+}  // namespace cotwin::testing::cartesian_impedance_test

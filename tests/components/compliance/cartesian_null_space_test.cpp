@@ -8,7 +8,7 @@
 #include "tests/support/allocations.h"
 #include "tests/support/error_of.h"
 
-namespace cotwin::testing {
+namespace cotwin::testing::cartesian_null_space_test {
 namespace {
 
 using Eigen::MatrixXd;
@@ -246,4 +246,4 @@ TEST(CartesianNullSpace, RefusesTasksThatItCannotRead) {
 }
 
 }  // namespace
-}  // namespace cotwin::testing
+}  // namespace cotwin::testing::cartesian_null_space_test

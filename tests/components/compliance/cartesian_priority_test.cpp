@@ -3,7 +3,7 @@
 
 #include "tests/components/compliance/cartesian_harness.h"
 
-namespace cotwin::testing {
+namespace cotwin::testing::cartesian_priority_test {
 namespace {
 
 using Eigen::Index;
@@ -90,4 +90,4 @@ TEST(CartesianPriority, TheFirstTaskIsKeptWhateverTheLowerOnesAskFor) {
 }
 
 }  // namespace
-}  // namespace cotwin::testing
+}  // namespace cotwin::testing::cartesian_priority_test

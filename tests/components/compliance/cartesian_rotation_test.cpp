@@ -10,7 +10,7 @@
 
 #include "components/compliance/cartesian/frame/rotation.h"
 
-namespace cotwin::compliance {
+namespace cotwin::compliance::cartesian_rotation_test {
 namespace {
 
 using Eigen::Matrix3d;
@@ -217,4 +217,4 @@ TEST(CartesianRotation, QAndMinusQHaveTheSameBits) {
 }
 
 }  // namespace
-}  // namespace cotwin::compliance
+}  // namespace cotwin::compliance::cartesian_rotation_test

@@ -12,7 +12,7 @@
 #include "components/compliance/cartesian/frame/translation.h"
 #include "components/compliance/joints/second_order.h"
 
-namespace cotwin::compliance {
+namespace cotwin::compliance::cartesian_translation_test {
 namespace {
 
 using Eigen::Matrix3d;
@@ -130,4 +130,4 @@ TEST(CartesianTranslation, ChangesOfMassAndStiffnessNeverAddMoreEnergyThanTheTan
 }
 
 }  // namespace
-}  // namespace cotwin::compliance
+}  // namespace cotwin::compliance::cartesian_translation_test

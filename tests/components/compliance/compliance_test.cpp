@@ -14,7 +14,7 @@
 #include "models/robot/urdf/urdf.h"
 #include "tests/support/places.h"
 
-namespace cotwin::compliance {
+namespace cotwin::compliance::compliance_test {
 namespace {
 
 using Eigen::Vector2d;
@@ -453,4 +453,4 @@ TEST(Compliance, RefusesParametersWithoutMeaning) {
 }
 
 }  // namespace
-}  // namespace cotwin::compliance
+}  // namespace cotwin::compliance::compliance_test

@@ -9,7 +9,7 @@
 
 #include "tests/components/compliance/cartesian_harness.h"
 
-namespace cotwin::testing {
+namespace cotwin::testing::contact_border_test {
 namespace {
 
 using Eigen::Vector3d;
@@ -147,4 +147,4 @@ TEST(ContactBorder, DISABLED_TableOfManyDesigns) {
 }
 
 }  // namespace
-}  // namespace cotwin::testing
+}  // namespace cotwin::testing::contact_border_test

@@ -14,7 +14,7 @@
 #include "components/unit/unit_table.h"
 #include "tests/support/places.h"
 
-namespace cotwin {
+namespace cotwin::contact_test {
 namespace {
 
 using compliance::ContactSweep;
@@ -285,4 +285,4 @@ TEST(ContactStiffness, OfAnAdmittanceHeavierThanTheRobotIsBoundedBySamplingAlone
 }
 
 }  // namespace
-}  // namespace cotwin
+}  // namespace cotwin::contact_test

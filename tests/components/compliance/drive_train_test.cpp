@@ -13,7 +13,7 @@
 #include "models/robot/robot_model.h"
 #include "tests/support/places.h"
 
-namespace cotwin {
+namespace cotwin::drive_train_test {
 namespace {
 
 using Eigen::VectorXd;
@@ -379,4 +379,4 @@ TEST(JointMeasures, OfMixedJointsAreThoseOfRevoluteOnesAndTheDescriptionNamesThe
 }
 
 }  // namespace
-}  // namespace cotwin
+}  // namespace cotwin::drive_train_test

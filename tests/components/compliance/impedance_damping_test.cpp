@@ -8,7 +8,7 @@
 
 #include "tests/components/compliance/cartesian_harness.h"
 
-namespace cotwin::testing {
+namespace cotwin::testing::impedance_damping_test {
 namespace {
 
 using Eigen::Vector3d;
@@ -105,4 +105,4 @@ TEST(ImpedanceDamping, OfASmallRatioLetsTheFrameSwing) {
 }
 
 }  // namespace
-}  // namespace cotwin::testing
+}  // namespace cotwin::testing::impedance_damping_test

@@ -9,7 +9,7 @@
 #include "tests/components/compliance/cartesian_harness.h"
 #include "tests/support/allocations.h"
 
-namespace cotwin::testing {
+namespace cotwin::testing::impedance_limits_test {
 namespace {
 
 using Eigen::Vector3d;
@@ -196,4 +196,4 @@ TEST(ImpedanceLimits, AllocateNothing) {
 }
 
 }  // namespace
-}  // namespace cotwin::testing
+}  // namespace cotwin::testing::impedance_limits_test

@@ -12,7 +12,7 @@
 #include "tests/components/compliance/cartesian_harness.h"
 #include "tests/support/allocations.h"
 
-namespace cotwin::testing {
+namespace cotwin::testing::impedance_sampling_test {
 namespace {
 
 using Eigen::Vector3d;
@@ -298,4 +298,4 @@ TEST(SampledLoop, ExaminesDelaysOfManyStepsWithLongerOnes) {
 }
 
 }  // namespace
-}  // namespace cotwin::testing
+}  // namespace cotwin::testing::impedance_sampling_test

@@ -14,7 +14,7 @@
 #include "tests/components/drive_train/elastic_robot.h"
 #include "tests/support/places.h"
 
-namespace cotwin::compliance {
+namespace cotwin::compliance::impedance_test {
 namespace {
 
 using Eigen::Matrix3d;
@@ -345,4 +345,4 @@ TEST(ImpedanceControl, IsSofterButStableWhereTheGearsAreSofterThanTheStiffness) 
 }
 
 }  // namespace
-}  // namespace cotwin::compliance
+}  // namespace cotwin::compliance::impedance_test

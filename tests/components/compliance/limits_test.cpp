@@ -6,7 +6,7 @@
 
 #include "components/compliance/joints/admittance.h"
 
-namespace cotwin::compliance {
+namespace cotwin::compliance::limits_test {
 namespace {
 
 class Random {
@@ -164,4 +164,4 @@ TEST(Admittance, RaisesItsStiffnessWithTheEnergyOfItsDamping) {
 }
 
 }  // namespace
-}  // namespace cotwin::compliance
+}  // namespace cotwin::compliance::limits_test

@@ -9,7 +9,7 @@
 #include "tests/support/allocations.h"
 #include "tests/support/places.h"
 
-namespace cotwin {
+namespace cotwin::terms_test {
 namespace {
 
 constexpr Duration kTick{1'000'000};
@@ -124,4 +124,4 @@ TEST(ComplianceTerms, AllocateNothingWhenTorquesAreCutAndLimitsActForTheFirstTim
 }
 
 }  // namespace
-}  // namespace cotwin
+}  // namespace cotwin::terms_test

@@ -12,7 +12,7 @@
 #include "models/robot/dynamics.h"
 #include "tests/components/drive_train/elastic_robot.h"
 
-namespace cotwin::compliance {
+namespace cotwin::compliance::tracking_test {
 namespace {
 
 using Eigen::MatrixXd;
@@ -267,4 +267,4 @@ TEST(Tracking, OfElasticRobotsHoldsThemUpInAnyPostureWithWeakUnequalGains) {
 }
 
 }  // namespace
-}  // namespace cotwin::compliance
+}  // namespace cotwin::compliance::tracking_test

@@ -11,10 +11,10 @@
 
 #include "components/contact_world/engine/world.h"
 
-namespace cotwin::contact_world {
+namespace cotwin::contact_world::closed_forms_test {
 namespace {
 
-using testing::ClosedForm, testing::Setting;
+using cotwin::testing::ClosedForm, cotwin::testing::Setting;
 
 constexpr std::size_t kFewBodies = 25;                   // with more the other methods take too long for a test
 constexpr long kMostSteps = 1000;                        // of figures that are the largest value so far
@@ -31,7 +31,7 @@ Result watch(const ClosedForm& form, Method method, const Setting& setting) {
   Options options;
   options.method = method;
   options.contacts = 1024;
-  World world(testing::scaled(unscaled, setting.scale), options);
+  World world(cotwin::testing::scaled(unscaled, setting.scale), options);
   std::vector<Pose> start, X(unscaled.bodies.size());
   std::vector<Twist> V(unscaled.bodies.size());
   for (const scene::Body& body : unscaled.bodies) start.push_back(body.X_WB);
@@ -62,10 +62,10 @@ Result watch(const ClosedForm& form, Method method, const Setting& setting) {
 class ClosedForms : public ::testing::TestWithParam<std::size_t> {};
 
 TEST_P(ClosedForms, HoldAtEveryStepAndSizeOrTheRunEndsWithAnError) {
-  const ClosedForm form = testing::closed_forms()[GetParam()];
+  const ClosedForm form = cotwin::testing::closed_forms()[GetParam()];
   const bool few = form.make().bodies.size() <= kFewBodies;
   int right = 0;
-  for (const Setting& setting : testing::kSettings) {
+  for (const Setting& setting : cotwin::testing::kSettings) {
     for (const Method method : {Method::kTree, Method::kPgs, Method::kDantzig}) {
       if (!few && method != Method::kTree) continue;
       const Result result = watch(form, method, setting);
@@ -81,7 +81,7 @@ TEST_P(ClosedForms, HoldAtEveryStepAndSizeOrTheRunEndsWithAnError) {
   EXPECT_EQ(right, form.scene.starts_with("rope") ? cells / 5 * 2 : cells) << form.scene;
 }
 
-INSTANTIATE_TEST_SUITE_P(All, ClosedForms, ::testing::Range<std::size_t>(0, testing::closed_forms().size()));
+INSTANTIATE_TEST_SUITE_P(All, ClosedForms, ::testing::Range<std::size_t>(0, cotwin::testing::closed_forms().size()));
 
 }  // namespace
-}  // namespace cotwin::contact_world
+}  // namespace cotwin::contact_world::closed_forms_test

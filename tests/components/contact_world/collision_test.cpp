@@ -1,6 +1,6 @@
 #include "components/contact_world/engine/collision/collision.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -11,7 +11,7 @@
 #include "tests/components/contact_world/shapes.h"
 #include "tests/support/allocations.h"
 
-namespace cotwin::contact_world::testing {
+namespace cotwin::contact_world::testing::collision_test {
 namespace {
 
 constexpr double kExact = 1e-9;  // m, of shapes of 0.1 m
@@ -625,4 +625,4 @@ TEST(Collision, FindsNoContactForPosesWithNaN) {
 }
 
 }  // namespace
-}  // namespace cotwin::contact_world::testing
+}  // namespace cotwin::contact_world::testing::collision_test

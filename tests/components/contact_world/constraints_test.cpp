@@ -13,7 +13,7 @@
 #include "tests/support/allocations.h"
 #include "tests/support/contact_scenes.h"
 
-namespace cotwin::contact_world {
+namespace cotwin::contact_world::constraints_test {
 namespace {
 
 using Eigen::Vector3d;
@@ -182,8 +182,8 @@ TEST_P(Constraints, ClosedLoopStaysClosedAlsoWithEveryJointTwice) {
 TEST_P(Constraints, SoftContactSettlesWhereItsSpringCarriesTheWeightAndSwingsAsTheClosedForm) {
   scene::Scene scene;
   scene.gravity = {0, 0, -kGravity};
-  scene.bodies.push_back(testing::ground(0.5));
-  scene.bodies.push_back(testing::ball("ball", 0.1, 1, {0, 0, 0.1}, 0.5));
+  scene.bodies.push_back(cotwin::testing::ground(0.5));
+  scene.bodies.push_back(cotwin::testing::ball("ball", 0.1, 1, {0, 0, 0.1}, 0.5));
   const double k = 1e4, d = 10;
   scene.bodies[1].shapes[0].material.stiffness = k;
   scene.bodies[1].shapes[0].material.damping = d;
@@ -202,9 +202,9 @@ TEST_P(Constraints, SoftContactSettlesWhereItsSpringCarriesTheWeightAndSwingsAsT
 
 TEST_P(Constraints, HeavyBoxRestsOnALightOne) {
   scene::Scene scene;
-  scene.bodies.push_back(testing::ground(0.5));
-  scene.bodies.push_back(testing::box("light", {0.1, 0.1, 0.1}, 1, {0, 0, 0.05}, 0.5));
-  scene.bodies.push_back(testing::box("heavy", {0.1, 0.1, 0.1}, 1000, {0, 0, 0.15}, 0.5));
+  scene.bodies.push_back(cotwin::testing::ground(0.5));
+  scene.bodies.push_back(cotwin::testing::box("light", {0.1, 0.1, 0.1}, 1, {0, 0, 0.05}, 0.5));
+  scene.bodies.push_back(cotwin::testing::box("heavy", {0.1, 0.1, 0.1}, 1000, {0, 0, 0.15}, 0.5));
   World w = world(scene);
   for (int k = 0; k < 2000; ++k) w.step(kStep);
   EXPECT_NEAR(w.poses()[1].p.z(), 0.05, 2e-5);
@@ -219,9 +219,9 @@ TEST_P(Constraints, HeavyBoxRestsOnALightOne) {
 TEST_P(Constraints, ContactForceOfAPushingArmFollowsFromItsTorque) {
   // The tip of the wheel's arm, a ball of 0.05 m at 1 m, rests on the ground: N · 1 m = 5 N.m + drive.
   scene::Scene scene = wheel();
-  scene.bodies[0].shapes = testing::ball("tip", 0.05, 1, {0, 0, 0}, 0).shapes;
+  scene.bodies[0].shapes = cotwin::testing::ball("tip", 0.05, 1, {0, 0, 0}, 0).shapes;
   scene.bodies[0].shapes[0].X_BS.p = {1, 0, 0};
-  scene.bodies.push_back(testing::ground(0));
+  scene.bodies.push_back(cotwin::testing::ground(0));
   scene.bodies[1].X_WB.p.z() = -0.05;
   World w = world(scene);
   for (int k = 0; k < 500; ++k) {
@@ -235,7 +235,7 @@ TEST_P(Constraints, ContactForceOfAPushingArmFollowsFromItsTorque) {
 }
 
 TEST_P(Constraints, RestoredWorldStepsToTheSameBits) {
-  scene::Scene scene = testing::stack(4);
+  scene::Scene scene = cotwin::testing::stack(4);
   scene::Scene loop = four_bars(false);
   const auto first = static_cast<int>(scene.bodies.size());
   for (scene::Body& body : loop.bodies) {
@@ -265,11 +265,11 @@ TEST_P(Constraints, RestoredWorldStepsToTheSameBits) {
 }
 
 TEST_P(Constraints, StepAllocatesNothing) {
-  World w = world(testing::stack(5), 20);
+  World w = world(cotwin::testing::stack(5), 20);
   for (int k = 0; k < 5; ++k) w.step(kStep);
-  const auto before = testing::allocations();
+  const auto before = cotwin::testing::allocations();
   for (int k = 0; k < 100; ++k) w.step(kStep);
-  EXPECT_EQ(testing::allocations() - before, 0u);
+  EXPECT_EQ(cotwin::testing::allocations() - before, 0u);
 }
 
 INSTANTIATE_TEST_SUITE_P(Methods, Constraints, ::testing::Values(Method::kTree, Method::kPgs, Method::kDantzig),
@@ -301,4 +301,4 @@ TEST(ContactWorldErrors, NameTheBodyOrJoint) {
 }
 
 }  // namespace
-}  // namespace cotwin::contact_world
+}  // namespace cotwin::contact_world::constraints_test

@@ -10,7 +10,7 @@
 
 #include "tests/support/allocations.h"
 
-namespace cotwin::contact_world {
+namespace cotwin::contact_world::dantzig_test {
 namespace {
 
 using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
@@ -554,12 +554,12 @@ TEST(Dantzig, AllocatesNothingWithinItsCapacity) {
   Dantzig solver;
   solver.reserve(large.n(), static_cast<int>(large.cones.size()));
   VectorXd x = VectorXd::Zero(large.n()), w = x;
-  const auto before = testing::allocations();
+  const auto before = cotwin::testing::allocations();
   for (const Problem* problem : {&large, &small, &large}) {
     const auto n = static_cast<std::size_t>(problem->n());
     solver.solve(*problem, std::span(x.data(), n), std::span(w.data(), n));
   }
-  EXPECT_EQ(testing::allocations() - before, 0u);
+  EXPECT_EQ(cotwin::testing::allocations() - before, 0u);
 }
 
 TEST(Dantzig, GivesTheSameBitsWhateverWasSolvedBefore) {
@@ -647,4 +647,4 @@ TEST(Dantzig, ReturnsTheBestWithinItsBoundOfPivots) {
 }
 
 }  // namespace
-}  // namespace cotwin::contact_world
+}  // namespace cotwin::contact_world::dantzig_test

@@ -14,7 +14,7 @@
 #include "tests/support/allocations.h"
 #include "tests/support/contact_scenes.h"
 
-namespace cotwin::contact_world {
+namespace cotwin::contact_world::fast_test {
 namespace {
 
 using Eigen::Vector3d;
@@ -31,19 +31,19 @@ scene::Scene empty() {
 }
 
 scene::Body plate(const std::string& name, const Vector3d& edges, const Vector3d& p, double mu = 0, double restitution = 0) {
-  scene::Body body = testing::box(name, edges, 1, p, mu);
+  scene::Body body = cotwin::testing::box(name, edges, 1, p, mu);
   body.motion = scene::Motion::kStatic;
   body.shapes[0].material.restitution = restitution;
   return body;
 }
 
 scene::Body bullet(const Vector3d& p, const Vector3d& v, double restitution = 0) {
-  scene::Body body = testing::ball("bullet", kRadius, kMass, p, 0, restitution);
+  scene::Body body = cotwin::testing::ball("bullet", kRadius, kMass, p, 0, restitution);
   body.V_WB.head<3>() = v;
   return body;
 }
 
-class Fast : public testing::EachMethod {};
+class Fast : public cotwin::testing::EachMethod {};
 
 TEST_P(Fast, ABulletBouncesOffAThinWallByItsRestitution) {
   // v⁺ = −e v⁻. Starts all over the way of a step, so that every phase of the impact in the step occurs.
@@ -90,7 +90,7 @@ TEST_P(Fast, ABulletThatGrazesABallIsDeflectedAsByTheClosedForm) {
   for (const double s : {0.1, 0.7, 0.99, 1.001, 1.05}) {
     for (int start = 0; start < 13; ++start) {
       scene::Scene scene = empty();
-      scene::Body post = testing::ball("post", large, 1, {1.3, 0, 0}, 0, 1);
+      scene::Body post = cotwin::testing::ball("post", large, 1, {1.3, 0, 0}, 0, 1);
       post.motion = scene::Motion::kStatic;
       scene.bodies.push_back(post);
       scene.bodies.push_back(bullet({0.023 * start, s * both, 0}, {kSpeed, 0, 0}, 1));
@@ -124,7 +124,7 @@ TEST_P(Fast, ABulletStrikesASlowBlockThatComesAlong) {
   for (const double V : {-9.0, 9.0}) {
     for (int start = 0; start < 21; ++start) {
       scene::Scene scene = empty();
-      scene::Body block = testing::box("block", {0.1, 0.4, 0.4}, 1, {1.2, 0, 0}, 0);
+      scene::Body block = cotwin::testing::box("block", {0.1, 0.4, 0.4}, 1, {1.2, 0, 0}, 0);
       block.shapes[0].material.restitution = 1;
       block.V_WB[0] = V;
       scene.bodies.push_back(block);
@@ -143,7 +143,7 @@ TEST_P(Fast, AFastRodStrikesAPlateAndKeepsItsEnergy) {
   for (int start = 0; start < 16; ++start) {
     scene::Scene scene = empty();
     scene.bodies.push_back(plate("plate", {4, 2, 0.004}, {0, 0, -0.1}, 0, 1));
-    scene::Body rod = testing::box("rod", {1.2, 0.008, 0.008}, 0.2, {0, 0, 0.3 + 0.017 * start}, 0);
+    scene::Body rod = cotwin::testing::box("rod", {1.2, 0.008, 0.008}, 0.2, {0, 0, 0.3 + 0.017 * start}, 0);
     rod.shapes[0].material.restitution = 1;
     rod.V_WB[4] = 300;
     rod.V_WB[2] = -200;
@@ -186,7 +186,8 @@ TEST_P(Fast, NothingLeavesAClosedRoomOfThinWalls) {
       const Vector3d p(-0.3 + 0.2 * (i % 4), -0.2 + 0.2 * (i / 4), 0.05 * unit(random));
       // Bodies with two equal moments of inertia: the free rotation of others keeps its energy to second order only.
       const Vector3d edges = i % 4 == 1 ? Vector3d(0.016, 0.016, 0.006) : Vector3d(0.006, 0.006, 0.06);
-      scene::Body body = i % 4 == 0 ? testing::ball("x", kRadius, kMass, p, mu) : testing::box("x", edges, kMass, p, mu);
+      scene::Body body =
+          i % 4 == 0 ? cotwin::testing::ball("x", kRadius, kMass, p, mu) : cotwin::testing::box("x", edges, kMass, p, mu);
       if (i % 4 == 3) {
         body.shapes[0].type = i % 8 == 3 ? scene::ShapeType::kCapsule : scene::ShapeType::kCylinder;
         body.shapes[0].size = {0.003, 0.05, 0};
@@ -231,7 +232,7 @@ TEST_P(Fast, GravityGivesNoEnergyInTheTimeThatABodyLoses) {
 TEST_P(Fast, ABulletStrikesAHingedDoor) {
   // Plastic: angular momentum about the hinge, m v r = (I + m r²) ω at once.
   scene::Scene scene = empty();
-  scene::Body door = testing::box("door", {kWall, 0.8, 0.8}, 2, {1, 0.4, 0}, 0);
+  scene::Body door = cotwin::testing::box("door", {kWall, 0.8, 0.8}, 2, {1, 0.4, 0}, 0);
   scene.bodies.push_back(door);
   scene::Joint hinge;
   hinge.name = "hinge";
@@ -255,7 +256,7 @@ TEST_P(Fast, StepsDoNotAllocateAndRestoreToTheBit) {
   scene.bodies.push_back(plate("wall", {kWall, 1, 1}, {0.5, 0, 0}, 0.3, 0.9));
   scene.bodies.push_back(plate("other wall", {kWall, 1, 1}, {-0.5, 0, 0}, 0.3, 0.9));
   for (int i = 0; i < 4; ++i) {
-    scene::Body body = testing::box("box" + std::to_string(i), {0.02, 0.01, 0.006}, kMass, {0, 0.05 * i - 0.1, 0}, 0.3);
+    scene::Body body = cotwin::testing::box("box" + std::to_string(i), {0.02, 0.01, 0.006}, kMass, {0, 0.05 * i - 0.1, 0}, 0.3);
     body.V_WB << 200 - 100 * i, 1, 2, 100, 200, 50 * i;
     scene.bodies.push_back(body);
   }
@@ -265,9 +266,9 @@ TEST_P(Fast, StepsDoNotAllocateAndRestoreToTheBit) {
   for (int k = 0; k < 60; ++k) {
     a.save(state);
     b.restore(state);
-    const std::size_t before = testing::allocations();
+    const std::size_t before = cotwin::testing::allocations();
     a.step(kStep);
-    EXPECT_EQ(testing::allocations(), before) << k;
+    EXPECT_EQ(cotwin::testing::allocations(), before) << k;
     b.step(kStep);
     for (std::size_t i = 0; i < a.poses().size(); ++i) {
       ASSERT_TRUE(a.poses()[i] == b.poses()[i]) << k;
@@ -276,7 +277,7 @@ TEST_P(Fast, StepsDoNotAllocateAndRestoreToTheBit) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(Methods, Fast, testing::kMethods, testing::name_of_method);
+INSTANTIATE_TEST_SUITE_P(Methods, Fast, cotwin::testing::kMethods, cotwin::testing::name_of_method);
 
 }  // namespace
-}  // namespace cotwin::contact_world
+}  // namespace cotwin::contact_world::fast_test

@@ -13,10 +13,10 @@
 #include "tests/support/contact_scenes.h"
 #include "tests/support/random_scene.h"
 
-namespace cotwin::contact_world {
+namespace cotwin::contact_world::fuzz_test {
 namespace {
 
-using testing::RandomScene;
+using cotwin::testing::RandomScene;
 
 constexpr double kStep = 1e-3;  // s
 
@@ -38,7 +38,7 @@ std::string fault_of(const World& world) {
   return "";
 }
 
-class Fuzz : public testing::EachMethod {};
+class Fuzz : public cotwin::testing::EachMethod {};
 
 TEST_P(Fuzz, SurvivesWhateverSceneItIsGiven) {
   constexpr std::uint64_t kRuns = 1200;
@@ -67,9 +67,9 @@ TEST_P(Fuzz, AllocatesOnlyWhenItReportsGrowth) {
     for (int k = 0; k < 10; ++k) world.step(kStep);  // warm-up
     for (int k = 0; k < 10; ++k) {
       const std::size_t grown = world.status().grown;
-      const auto before = testing::allocations();
+      const auto before = cotwin::testing::allocations();
       world.step(kStep);
-      const auto allocated = testing::allocations() - before;
+      const auto allocated = cotwin::testing::allocations() - before;
       ASSERT_TRUE(allocated == 0 || world.status().grown > grown) << "seed " << seed << ", step " << k << ": " << allocated;
     }
   }
@@ -148,9 +148,9 @@ TEST_P(Fuzz, SurvivesYieldingAndGivesTheSameBitsFromARestoredState) {
 
 TEST_P(Fuzz, GrowsOnceBeyondTheDeclaredCapacityAndGoesOn) {
   scene::Scene scene;
-  scene.bodies.push_back(testing::ground(0.5));
+  scene.bodies.push_back(cotwin::testing::ground(0.5));
   for (int k = 0; k < 30; ++k) {
-    scene.bodies.push_back(testing::box("box", {0.1, 0.1, 0.1}, 1, {0.2 * k, 0, 0.05}, 0.5));
+    scene.bodies.push_back(cotwin::testing::box("box", {0.1, 0.1, 0.1}, 1, {0.2 * k, 0, 0.05}, 0.5));
   }
   Options options;
   options.method = GetParam();
@@ -160,9 +160,9 @@ TEST_P(Fuzz, GrowsOnceBeyondTheDeclaredCapacityAndGoesOn) {
   const std::size_t grown = world.status().grown;
   EXPECT_GE(grown, 1u);
   EXPECT_EQ(world.status().contacts, 120u);
-  const auto before = testing::allocations();
+  const auto before = cotwin::testing::allocations();
   for (int k = 0; k < 20; ++k) world.step(kStep);
-  EXPECT_EQ(testing::allocations() - before, 0u);
+  EXPECT_EQ(cotwin::testing::allocations() - before, 0u);
   EXPECT_EQ(world.status().grown, grown);
 }
 
@@ -190,7 +190,7 @@ TEST(Guard, EndsARunWhoseBodiesHaveNoRoom) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(Methods, Fuzz, testing::kMethods, testing::name_of_method);
+INSTANTIATE_TEST_SUITE_P(Methods, Fuzz, cotwin::testing::kMethods, cotwin::testing::name_of_method);
 
 }  // namespace
-}  // namespace cotwin::contact_world
+}  // namespace cotwin::contact_world::fuzz_test

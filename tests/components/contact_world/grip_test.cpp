@@ -7,7 +7,7 @@
 
 #include "tests/components/contact_world/methods.h"
 
-namespace cotwin::contact_world {
+namespace cotwin::contact_world::grip_test {
 namespace {
 
 using Eigen::Vector3d;
@@ -43,7 +43,7 @@ scene::Scene gripper(const Grip& grip, double mass) {
   scene::Scene scene;
   scene.name = "gripper";
   scene.gravity = Eigen::AngleAxisd(grip.tilt, Vector3d::UnitX()) * Vector3d(0, 0, -kGravity);
-  scene::Body piece = testing::box("piece", {2 * kRadius, 2 * kRadius, 0.08}, mass, {0, 0, -grip.offset}, kMu);
+  scene::Body piece = cotwin::testing::box("piece", {2 * kRadius, 2 * kRadius, 0.08}, mass, {0, 0, -grip.offset}, kMu);
   scene::Shape& shape = piece.shapes[0];
   if (grip.workpiece == Workpiece::kCylinder) {
     shape.type = scene::ShapeType::kCylinder;
@@ -61,7 +61,7 @@ scene::Scene gripper(const Grip& grip, double mass) {
     const double angle = 2 * std::numbers::pi * i / grip.fingers;
     const Eigen::Matrix3d R = Eigen::AngleAxisd(angle, Vector3d::UnitZ()).toRotationMatrix();
     scene::Body finger =
-        testing::box("finger" + std::to_string(i), {0.02, 0.04, 0.1}, 0.1, R * Vector3d(kRadius + 0.01, 0, 0), kMu);
+        cotwin::testing::box("finger" + std::to_string(i), {0.02, 0.04, 0.1}, 0.1, R * Vector3d(kRadius + 0.01, 0, 0), kMu);
     finger.X_WB.R = R;
     finger.shapes[0].material.stiffness = grip.stiffness;
     finger.shapes[0].material.damping = std::isinf(grip.stiffness) ? 0 : 20;
@@ -80,7 +80,7 @@ scene::Scene gripper(const Grip& grip, double mass) {
   return scene;
 }
 
-class GripTest : public testing::EachMethod {
+class GripTest : public cotwin::testing::EachMethod {
  protected:
   /// How far the workpiece moves, m, `share` of the mass that friction holds, after it has settled for 0.2 s.
   static double way(const Grip& grip, double share, double seconds) {
@@ -119,7 +119,7 @@ TEST_P(GripTest, HoldsWhatFrictionHoldsAndDropsMore) {
 
 TEST_P(GripTest, StandsStillForAMinute) { EXPECT_LT(way({}, 0.92, 60), 5e-5); }
 
-INSTANTIATE_TEST_SUITE_P(All, GripTest, testing::kMethods, testing::name_of_method);
+INSTANTIATE_TEST_SUITE_P(All, GripTest, cotwin::testing::kMethods, cotwin::testing::name_of_method);
 
 }  // namespace
-}  // namespace cotwin::contact_world
+}  // namespace cotwin::contact_world::grip_test

@@ -1,6 +1,6 @@
 // The budget of energy on random scenes with every term, each with and without a gain that no work explains.
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
@@ -15,7 +15,7 @@
 #include "tests/components/contact_world/methods.h"
 #include "tests/support/contact_scenes.h"
 
-namespace cotwin::contact_world {
+namespace cotwin::contact_world::guard_budget_test {
 namespace {
 
 using Eigen::Matrix3d;
@@ -35,7 +35,7 @@ class Draw {
     scene_.name = "seed " + std::to_string(seed);
     if (one_in(4)) scene_.gravity.setZero();
     if (one_in(4)) scene_.gravity = Vector3d(3, -2, -8);
-    scene_.bodies.push_back(testing::ground(number(0.1, 0.8), one_in(3) ? number(0, 0.9) : 0));
+    scene_.bodies.push_back(cotwin::testing::ground(number(0.1, 0.8), one_in(3) ? number(0, 0.9) : 0));
     ground_ = scene_.bodies.back().shapes[0].material;
     add_arm(1 + static_cast<int>(engine_() % 3));
     add_slider();
@@ -117,8 +117,8 @@ class Draw {
   void add_arm(int bars) {
     const double length = 0.4;
     for (int i = 0; i < bars; ++i) {
-      scene::Body bar = testing::box("bar" + std::to_string(i), {length, 0.04, 0.06}, number(0.5, 3),
-                                     Vector3d(length * (i + 0.5), 0, 2), 0.5);
+      scene::Body bar = cotwin::testing::box("bar" + std::to_string(i), {length, 0.04, 0.06}, number(0.5, 3),
+                                             Vector3d(length * (i + 0.5), 0, 2), 0.5);
       bar.shapes.clear();
       scene_.bodies.push_back(bar);
       tip_ = scene_.bodies.size() - 1;
@@ -129,7 +129,7 @@ class Draw {
   }
 
   void add_slider() {
-    scene::Body weight = testing::box("weight", {0.1, 0.1, 0.1}, number(0.5, 3), {-1, 0, 1.5}, 0.5);
+    scene::Body weight = cotwin::testing::box("weight", {0.1, 0.1, 0.1}, number(0.5, 3), {-1, 0, 1.5}, 0.5);
     weight.shapes.clear();
     scene_.bodies.push_back(weight);
     add_joint(scene::JointType::kPrismatic, -1, static_cast<int>(scene_.bodies.size()) - 1, {-1, 0, 1.5}, Vector3d::UnitZ());
@@ -140,7 +140,8 @@ class Draw {
     for (int i = 0; i < 2; ++i) {
       const Vector3d p(2, 1.5 * i, number(0.2, 1.5));
       const double mass = number(0.5, 3);
-      scene::Body body = i == 0 ? testing::box("box", {0.3, 0.2, 0.2}, mass, p, 0.5) : testing::ball("ball", 0.1, mass, p, 0.5);
+      scene::Body body = i == 0 ? cotwin::testing::box("box", {0.3, 0.2, 0.2}, mass, p, 0.5)
+                                : cotwin::testing::ball("ball", 0.1, mass, p, 0.5);
       if (one_in(3)) {
         body.shapes[0].material.stiffness = number(5e3, 1e5);
         soft_ = true;
@@ -179,7 +180,7 @@ double kinetic_energy(const World& world) {
     }
     return sum;
   }();
-  return testing::energy(world.scene(), world.poses(), world.twists()) - height;
+  return cotwin::testing::energy(world.scene(), world.poses(), world.twists()) - height;
 }
 
 /// Multiplies all velocities, in the state: the world takes this for its own motion.
@@ -219,7 +220,7 @@ Seen run(unsigned seed, Method method, double share, double duration) {
   return seen;
 }
 
-class Budget : public testing::EachMethod {};
+class Budget : public cotwin::testing::EachMethod {};
 
 TEST_P(Budget, EndsRandomScenesOnlyIfEnergyIsInjected) {
   constexpr unsigned kScenes = 60;
@@ -241,9 +242,9 @@ TEST_P(Budget, CountsWhatDrivenBodiesTakeAndGiveInImpactsOnce) {
         scene::Scene scene;
         scene.name = "plate";
         scene.gravity.setZero();
-        scene.bodies.push_back(testing::box("plate", {1, 1, 0.1}, 1, {0, 0, 0}, 0.3));
+        scene.bodies.push_back(cotwin::testing::box("plate", {1, 1, 0.1}, 1, {0, 0, 0}, 0.3));
         scene.bodies.back().motion = scene::Motion::kDriven;
-        scene.bodies.push_back(testing::ball("ball", 0.1, 1, {0, 0, 0.35}, 0.3, e));
+        scene.bodies.push_back(cotwin::testing::ball("ball", 0.1, 1, {0, 0, 0.35}, 0.3, e));
         scene.bodies.back().V_WB << 0, 0, -6, 0, 0, 0;
         Options options;
         options.method = GetParam();
@@ -263,7 +264,7 @@ TEST_P(Budget, CountsWhatDrivenBodiesTakeAndGiveInImpactsOnce) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(All, Budget, testing::kMethods, testing::name_of_method);
+INSTANTIATE_TEST_SUITE_P(All, Budget, cotwin::testing::kMethods, cotwin::testing::name_of_method);
 
 }  // namespace
-}  // namespace cotwin::contact_world
+}  // namespace cotwin::contact_world::guard_budget_test

@@ -1,6 +1,6 @@
 // Runs whose joints part or whose energy grows without work end with an error; those whose energy work explains do not.
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
@@ -13,7 +13,7 @@
 #include "components/contact_world/engine/world.h"
 #include "tests/support/allocations.h"
 
-namespace cotwin::contact_world {
+namespace cotwin::contact_world::guard_test {
 namespace {
 
 using Eigen::Vector3d;
@@ -296,12 +296,12 @@ TEST(Guard, AllocatesNothing) {
   for (const Method method : {Method::kTree, Method::kDantzig, Method::kPgs}) {
     World world(parallelogram(), with(method));
     world.step(1e-3);
-    const auto before = testing::allocations();
+    const auto before = cotwin::testing::allocations();
     for (int k = 0; k < 100; ++k) {
       world.step(1e-3);
       EXPECT_TRUE(world.fault(kGapLimit, kEnergyLimit).empty());
     }
-    EXPECT_EQ(testing::allocations() - before, 0u);
+    EXPECT_EQ(cotwin::testing::allocations() - before, 0u);
   }
 }
 
@@ -348,4 +348,4 @@ TEST(Guard, EndsRunsWhoseEnergyGrowsBesideTheirSprings) {
 }
 
 }  // namespace
-}  // namespace cotwin::contact_world
+}  // namespace cotwin::contact_world::guard_test

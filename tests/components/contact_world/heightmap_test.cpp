@@ -18,7 +18,7 @@
 #include "tests/support/files.h"
 #include "tests/support/png.h"
 
-namespace cotwin::contact_world {
+namespace cotwin::contact_world::heightmap_test {
 namespace {
 
 using cotwin::testing::grey_png;
@@ -380,4 +380,4 @@ TEST(Heightmaps, AStepAllocatesNothing) {
 }
 
 }  // namespace
-}  // namespace cotwin::contact_world
+}  // namespace cotwin::contact_world::heightmap_test

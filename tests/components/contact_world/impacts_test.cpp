@@ -14,7 +14,7 @@
 #include "tests/support/allocations.h"
 #include "tests/support/contact_scenes.h"
 
-namespace cotwin::contact_world {
+namespace cotwin::contact_world::impacts_test {
 namespace {
 
 using Eigen::Vector3d;
@@ -22,7 +22,7 @@ using Eigen::Vector3d;
 constexpr double kStep = 1e-3;  // s
 constexpr double kRadius = 0.05, kMass = 0.2;
 
-class Impacts : public testing::EachMethod {};
+class Impacts : public cotwin::testing::EachMethod {};
 
 /// Balls in a row along x without gravity, all but the first at rest; the first one moves at 1 m/s.
 scene::Scene row(const std::vector<double>& masses, double gap, double restitution) {
@@ -30,7 +30,7 @@ scene::Scene row(const std::vector<double>& masses, double gap, double restituti
   scene.gravity.setZero();
   for (std::size_t i = 0; i < masses.size(); ++i) {
     const double x = static_cast<double>(i) * (2 * kRadius + gap) - (i == 0 ? 0.0037 : 0);
-    scene.bodies.push_back(testing::ball("ball" + std::to_string(i), kRadius, masses[i], {x, 0, 0}, 0.3, restitution));
+    scene.bodies.push_back(cotwin::testing::ball("ball" + std::to_string(i), kRadius, masses[i], {x, 0, 0}, 0.3, restitution));
   }
   scene.bodies[0].V_WB[0] = 1;
   return scene;
@@ -79,7 +79,7 @@ TEST_P(Impacts, SwingACradleOnHingesWithoutLoss) {
     for (int i = 0; i < 5; ++i) {
       const double angle = i == 0 ? start : 0;
       const Vector3d above(i * (2 * kRadius + gap), 0, 0);
-      scene::Body body = testing::ball("ball" + std::to_string(i), kRadius, kMass, above, 0, 1);
+      scene::Body body = cotwin::testing::ball("ball" + std::to_string(i), kRadius, kMass, above, 0, 1);
       body.X_WB.R = Eigen::AngleAxisd(angle, Vector3d::UnitY()).toRotationMatrix();
       body.X_WB.p -= body.X_WB.R.col(2);
       scene.bodies.push_back(body);
@@ -109,12 +109,12 @@ TEST_P(Impacts, BreakATriangleOfBallsSymmetrically) {
   scene::Scene scene;
   scene.gravity.setZero();
   const double side = kRadius * std::sqrt(3.0);
-  scene.bodies.push_back(testing::ball("cue", kRadius, kMass, {-0.3, 0, 0}, 0, 1));
+  scene.bodies.push_back(cotwin::testing::ball("cue", kRadius, kMass, {-0.3, 0, 0}, 0, 1));
   scene.bodies[0].V_WB[0] = 5;
   for (int i = 0; i < 5; ++i) {
     for (int k = 0; k <= i; ++k) {
       const Vector3d p(i * side, (2 * k - i) * kRadius, 0);
-      scene.bodies.push_back(testing::ball("ball" + std::to_string(scene.bodies.size()), kRadius, kMass, p, 0, 1));
+      scene.bodies.push_back(cotwin::testing::ball("ball" + std::to_string(scene.bodies.size()), kRadius, kMass, p, 0, 1));
     }
   }
   World w = world(scene);
@@ -135,7 +135,7 @@ TEST_P(Impacts, BreakATriangleOfBallsSymmetrically) {
 TEST_P(Impacts, OfALightBallBetweenAHeavyOneAndAWallKeepTheEnergy) {
   // With masses 1 : 10⁴ the three collide ⌊π / arctan(1/100)⌋ = 314 times.
   scene::Scene scene = row({1e4, 1}, 0.5e-3, 1);
-  scene::Body wall = testing::box("wall", {0.1, 1, 1}, 1, {3 * kRadius + 0.5e-3 + 0.05, 0, 0}, 0);
+  scene::Body wall = cotwin::testing::box("wall", {0.1, 1, 1}, 1, {3 * kRadius + 0.5e-3 + 0.05, 0, 0}, 0);
   wall.motion = scene::Motion::kStatic;
   wall.X_WB.p.x() = scene.bodies[1].X_WB.p.x() + kRadius + 0.05;
   scene.bodies.push_back(wall);
@@ -157,8 +157,8 @@ TEST_P(Impacts, LeaveABoxThatFallsFlatUpright) {
     const Vector3d edges(draw(0.05, 0.4), draw(0.05, 0.4), draw(0.05, 0.4));
     const double mass = draw(0.1, 5), speed = draw(1, 6);
     scene::Scene scene;
-    scene.bodies.push_back(testing::ground(0.5, 1));
-    scene.bodies.push_back(testing::box("box", edges, mass, {0, 0, edges.z() / 2 + draw(0, 0.02)}, 0.5));
+    scene.bodies.push_back(cotwin::testing::ground(0.5, 1));
+    scene.bodies.push_back(cotwin::testing::box("box", edges, mass, {0, 0, edges.z() / 2 + draw(0, 0.02)}, 0.5));
     scene.bodies[1].V_WB[2] = -speed;
     World w = world(scene);
     const double before = energy(w);
@@ -174,8 +174,8 @@ TEST_P(Impacts, OfCornersNeverCreateEnergyWithFrictionNorLoseAnyWithoutIt) {
   for (int i = 0; i < 120; ++i) {
     const double mu = i % 2 == 0 ? draw(0.2, 1) : 0, e = i % 4 < 2 ? 1 : 0.5;
     scene::Scene scene;
-    scene.bodies.push_back(testing::ground(mu, e));
-    scene.bodies.push_back(testing::box("box", {0.1, 0.2, 0.3}, 1, {0, 0, 0.25}, mu));
+    scene.bodies.push_back(cotwin::testing::ground(mu, e));
+    scene.bodies.push_back(cotwin::testing::box("box", {0.1, 0.2, 0.3}, 1, {0, 0, 0.25}, mu));
     Eigen::Quaterniond turned(draw(-1, 1), draw(-1, 1), draw(-1, 1), draw(-1, 1));
     scene.bodies[1].X_WB.R = turned.normalized().toRotationMatrix();
     for (int k = 0; k < 6; ++k) scene.bodies[1].V_WB[k] = draw(-1, 1) * (k < 3 ? 2 : 8);
@@ -192,9 +192,9 @@ TEST_P(Impacts, OfCornersNeverCreateEnergyWithFrictionNorLoseAnyWithoutIt) {
 TEST_P(Impacts, OfABallWithRestingBodiesWithoutRestitutionFollowNewton) {
   // The box rests on the ground without restitution and carries the impact as one body with the ground.
   scene::Scene scene;
-  scene.bodies.push_back(testing::ground(0.5));
-  scene.bodies.push_back(testing::box("box", {0.2, 0.2, 0.1}, 0.5, {0, 0, 0.05}, 0.5));
-  scene.bodies.push_back(testing::ball("ball", kRadius, 2, {0, 0, 0.1 + kRadius + 0.2}, 0.5, 0.7));
+  scene.bodies.push_back(cotwin::testing::ground(0.5));
+  scene.bodies.push_back(cotwin::testing::box("box", {0.2, 0.2, 0.1}, 0.5, {0, 0, 0.05}, 0.5));
+  scene.bodies.push_back(cotwin::testing::ball("ball", kRadius, 2, {0, 0, 0.1 + kRadius + 0.2}, 0.5, 0.7));
   World w = world(scene);
   double down = 0, up = 0;
   for (int k = 0; k < 250; ++k) {
@@ -211,7 +211,7 @@ TEST_P(Impacts, StrikeAnArmThroughAllItsJoints) {
   scene::Scene scene;
   scene.gravity.setZero();
   for (int i = 0; i < 2; ++i)
-    scene.bodies.push_back(testing::box("link" + std::to_string(i), {1, 0.1, 0.1}, 1, {1.0 * i, 0, 0}, 0));
+    scene.bodies.push_back(cotwin::testing::box("link" + std::to_string(i), {1, 0.1, 0.1}, 1, {1.0 * i, 0, 0}, 0));
   scene::Joint joint;
   joint.name = "hinge";
   joint.parent = 0;
@@ -220,7 +220,7 @@ TEST_P(Impacts, StrikeAnArmThroughAllItsJoints) {
   joint.X_PJ.p = {0.5, 0, 0};
   joint.X_CJ.p = {-0.5, 0, 0};
   scene.joints.push_back(joint);
-  scene.bodies.push_back(testing::ball("ball", kRadius, 1, {1.4, 0.1 + 0.0137, 0}, 0, 1));
+  scene.bodies.push_back(cotwin::testing::ball("ball", kRadius, 1, {1.4, 0.1 + 0.0137, 0}, 0, 1));
   scene.bodies[2].V_WB[1] = -2;
   // Impulses J at the tip and H at the hinge, along y, with I the moment of a link about z:
   //   link 1: v₁ = J + H, ω₁ I = 0.4 J − 0.5 H;   link 0: v₀ = −H, ω₀ I = −0.5 H;   v₀ + 0.5 ω₀ = v₁ − 0.5 ω₁
@@ -236,7 +236,7 @@ TEST_P(Impacts, StrikeAnArmThroughAllItsJoints) {
 
 TEST_P(Impacts, AllocateNothingAndGiveTheSameBitsAgain) {
   const auto scene = [] {
-    scene::Scene made = testing::balls(60, 3);
+    scene::Scene made = cotwin::testing::balls(60, 3);
     for (scene::Body& body : made.bodies) {
       for (scene::Shape& shape : body.shapes) shape.material.restitution = 0.9;
     }
@@ -245,9 +245,9 @@ TEST_P(Impacts, AllocateNothingAndGiveTheSameBitsAgain) {
   World w = world(scene()), other = world(scene());
   int most = 0;
   for (int k = 0; k < 400; ++k) {
-    const auto before = testing::allocations();
+    const auto before = cotwin::testing::allocations();
     w.step(kStep);
-    EXPECT_EQ(testing::allocations(), before);
+    EXPECT_EQ(cotwin::testing::allocations(), before);
     most = std::max(most, w.status().impacts);
   }
   for (int k = 0; k < 400; ++k) other.step(kStep);
@@ -264,8 +264,8 @@ TEST_P(Impacts, OfElasticSpringsKeepTheSpeedAtAnyStiffness) {
       scene::Scene scene;
       scene.gravity.setZero();
       const double speed = 0.991;
-      scene.bodies.push_back(testing::ground(0));
-      scene.bodies.push_back(testing::ball("ball", 0.1, 1, {0, 0, 0.11 + phase * speed * kStep / 10}, 0));
+      scene.bodies.push_back(cotwin::testing::ground(0));
+      scene.bodies.push_back(cotwin::testing::ball("ball", 0.1, 1, {0, 0, 0.11 + phase * speed * kStep / 10}, 0));
       scene.bodies[1].shapes[0].material.stiffness = k;
       scene.bodies[1].V_WB[2] = -speed;
       World w = world(scene);
@@ -292,8 +292,8 @@ TEST_P(Impacts, OfADampedSpringOnAStifferOneHaveTheRestitutionOfTheClosedForm) {
   const double expected = std::exp(-z / root * (M_PI - std::atan(2 * z * root / (1 - 2 * z * z))));
   scene::Scene scene;
   scene.gravity.setZero();
-  scene.bodies.push_back(testing::ground(0));
-  scene.bodies.push_back(testing::ball("ball", 0.1, 1, {0, 0, 0.1103}, 0));
+  scene.bodies.push_back(cotwin::testing::ground(0));
+  scene.bodies.push_back(cotwin::testing::ball("ball", 0.1, 1, {0, 0, 0.1103}, 0));
   scene.bodies[0].shapes[0].material.stiffness = k_a;
   scene.bodies[0].shapes[0].material.damping = d_a;
   scene.bodies[1].shapes[0].material.stiffness = k_b;
@@ -309,7 +309,7 @@ TEST_P(Impacts, OfADampedSpringOnAStifferOneHaveTheRestitutionOfTheClosedForm) {
 
 TEST_P(Impacts, LeaveAStackOfStiffSoftBoxesAtRest) {
   for (const double k : {1e7, 1e9}) {
-    scene::Scene scene = testing::stack(10);
+    scene::Scene scene = cotwin::testing::stack(10);
     for (scene::Body& body : scene.bodies) {
       for (scene::Shape& shape : body.shapes) {
         shape.material.stiffness = 2 * k;
@@ -324,7 +324,7 @@ TEST_P(Impacts, LeaveAStackOfStiffSoftBoxesAtRest) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(Methods, Impacts, testing::kMethods, testing::name_of_method);
+INSTANTIATE_TEST_SUITE_P(Methods, Impacts, cotwin::testing::kMethods, cotwin::testing::name_of_method);
 
 }  // namespace
-}  // namespace cotwin::contact_world
+}  // namespace cotwin::contact_world::impacts_test

@@ -18,7 +18,7 @@
 #include "models/robot/urdf/urdf.h"
 #include "tests/support/places.h"
 
-namespace cotwin {
+namespace cotwin::insertion_test {
 namespace {
 
 using Eigen::Matrix;
@@ -317,4 +317,4 @@ TEST(Insertion, UndampedGearsDoNotOscillate) {
 }
 
 }  // namespace
-}  // namespace cotwin
+}  // namespace cotwin::insertion_test

@@ -11,7 +11,7 @@
 #include "components/contact_world/engine/world.h"
 #include "tests/support/allocations.h"
 
-namespace cotwin::contact_world {
+namespace cotwin::contact_world::loops_test {
 namespace {
 
 using Eigen::Vector3d;
@@ -217,9 +217,9 @@ TEST_P(ClosedLoops, ThatCannotCloseComeToRest) {
 TEST_P(ClosedLoops, AllocateNothingInAStep) {
   World w = world(on_posts(4, 0.3, 0.4, 1.0).scene());
   w.step(1e-3);
-  const auto before = testing::allocations();
+  const auto before = cotwin::testing::allocations();
   for (int k = 0; k < 1000; ++k) w.step(1e-3);
-  EXPECT_EQ(testing::allocations() - before, 0u);
+  EXPECT_EQ(cotwin::testing::allocations() - before, 0u);
 }
 
 INSTANTIATE_TEST_SUITE_P(Methods, ClosedLoops, ::testing::Values(Method::kTree, Method::kDantzig, Method::kPgs),
@@ -309,4 +309,4 @@ TEST(Sweeps, OverMotorsLimitsAndFrictionOfArmsMoveAsPivoting) {
 }
 
 }  // namespace
-}  // namespace cotwin::contact_world
+}  // namespace cotwin::contact_world::loops_test

@@ -1,5 +1,5 @@
 // Robots with mimic joints in the contact world: gears between joints of the trees.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
@@ -14,7 +14,7 @@
 #include "tests/support/error_of.h"
 #include "tests/support/places.h"
 
-namespace cotwin::contact_world {
+namespace cotwin::contact_world::mimic_test {
 namespace {
 
 using Eigen::Vector2d;
@@ -162,4 +162,4 @@ TEST(ContactWorldMimic, WhatCannotBeCoupledIsAnError) {
 }
 
 }  // namespace
-}  // namespace cotwin::contact_world
+}  // namespace cotwin::contact_world::mimic_test

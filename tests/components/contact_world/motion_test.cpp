@@ -15,7 +15,7 @@
 #include "tests/support/contact_scenes.h"
 #include "tests/support/places.h"
 
-namespace cotwin::contact_world {
+namespace cotwin::contact_world::motion_test {
 namespace {
 
 using Eigen::Vector3d;
@@ -233,16 +233,16 @@ TEST(ContactWorldKeystone, GaussSeidelThatConvergesMovesAsTheTree) {
 
 TEST(ContactWorldMotion, ArmHeldByGravityTorquesDoesNotCreepWhileBoxesCollideBeside) {
   const std::vector<double> q{0.3, 0.5, -0.2, 1.2, 0.4, -0.6, 0.2};
-  scene::Scene scene = testing::arm(q);
-  scene.bodies.push_back(testing::ground(0.5));
+  scene::Scene scene = cotwin::testing::arm(q);
+  scene.bodies.push_back(cotwin::testing::ground(0.5));
   scene.bodies.back().X_WB.p.z() = -2;
   for (int k = 0; k < 3; ++k)
-    scene.bodies.push_back(testing::box("box", {0.1, 0.1, 0.1}, 1, {0.01 * k, 0, -1.9 + 0.15 * k}, 0.5));
+    scene.bodies.push_back(cotwin::testing::box("box", {0.1, 0.1, 0.1}, 1, {0.01 * k, 0, -1.9 + 0.15 * k}, 0.5));
   World world(scene, {});
   std::vector<double> tau(7);
   double gap = 0;
   for (int k = 0; k < 2000; ++k) {
-    testing::gravity_torques(world.q(), tau);
+    cotwin::testing::gravity_torques(world.q(), tau);
     for (std::size_t i = 0; i < 7; ++i) world.set_tau(i, tau[i]);
     world.step(1e-3);
     gap = std::max(gap, world.largest_gap());
@@ -271,4 +271,4 @@ TEST(ContactWorldMotion, SpringOnAnAxisSwingsAtItsFrequencyHoweverStiff) {
 }
 
 }  // namespace
-}  // namespace cotwin::contact_world
+}  // namespace cotwin::contact_world::motion_test

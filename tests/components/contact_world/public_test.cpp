@@ -14,22 +14,22 @@
 #include "tests/components/contact_world/methods.h"
 #include "tests/support/contact_scenes.h"
 
-namespace cotwin::contact_world {
+namespace cotwin::contact_world::public_test {
 namespace {
 
 constexpr double kStep = 1e-3;     // s
 constexpr double kGravity = 9.81;  // m/s²
 const double kFrictionAngle = std::atan(0.5);
 
-class PublicTest : public testing::EachMethod {};
+class PublicTest : public cotwin::testing::EachMethod {};
 
 TEST_P(PublicTest, BallPushedObliquelySlipsAlongAParabolaAndThenRolls) {
-  World w = world(testing::pushed_ball());
+  World w = world(cotwin::testing::pushed_ball());
   double path = 0, velocity = 0;
   for (int k = 1; k <= 2000; ++k) {
     w.step(kStep);
     Eigen::Vector3d p_WB;
-    const Twist V_WB = testing::pushed_ball_at(k * kStep, p_WB);
+    const Twist V_WB = cotwin::testing::pushed_ball_at(k * kStep, p_WB);
     path = std::max(path, (w.poses()[1].p - p_WB).norm());
     velocity = (w.twists()[1] - V_WB).norm();
   }
@@ -38,7 +38,7 @@ TEST_P(PublicTest, BallPushedObliquelySlipsAlongAParabolaAndThenRolls) {
 }
 
 TEST_P(PublicTest, ElasticBallBouncesToItsHeightAgain) {
-  World w = world(testing::bouncing_ball());
+  World w = world(cotwin::testing::bouncing_ball());
   const double before = energy(w);
   double highest = 0;
   for (int k = 0; k < 10000; ++k) {
@@ -58,8 +58,8 @@ TEST_P(PublicTest, BoxThatFallsFlatTakesNoMoreEnergyThanItBrings) {
     const double width = draw(0.05, 0.4), depth = draw(0.05, 0.4), height = draw(0.05, 0.4);  // m
     const double mass = draw(0.1, 50), speed = draw(1, 20), above = speed * kStep * draw(0.2, 3);
     scene::Scene scene;
-    scene.bodies.push_back(testing::ground(0, box % 2));
-    scene.bodies.push_back(testing::box("box", {width, depth, height}, mass, {0, 0, height / 2 + above}, 0));
+    scene.bodies.push_back(cotwin::testing::ground(0, box % 2));
+    scene.bodies.push_back(cotwin::testing::box("box", {width, depth, height}, mass, {0, 0, height / 2 + above}, 0));
     scene.bodies[1].V_WB[2] = -speed;
     World w = world(scene);
     const double before = energy(w), brought = mass * speed * speed / 2;
@@ -72,7 +72,7 @@ TEST_P(PublicTest, BoxThatFallsFlatTakesNoMoreEnergyThanItBrings) {
 }
 
 TEST_P(PublicTest, DroppedBallsHardlyPenetrate) {
-  World w = world(testing::balls(GetParam() == Method::kDantzig ? 40 : 120, 2));
+  World w = world(cotwin::testing::balls(GetParam() == Method::kDantzig ? 40 : 120, 2));
   double deepest = 0;
   for (int k = 0; k < 400; ++k) {
     w.step(2e-3);
@@ -83,14 +83,14 @@ TEST_P(PublicTest, DroppedBallsHardlyPenetrate) {
 
 TEST_P(PublicTest, BoxSticksJustBelowTheFrictionAngleAndSlipsJustAbove) {
   const double half_degree = 0.5 * M_PI / 180;
-  World sticks = world(testing::box_on_slope(kFrictionAngle - half_degree));
+  World sticks = world(cotwin::testing::box_on_slope(kFrictionAngle - half_degree));
   for (int k = 0; k < 500; ++k) sticks.step(kStep);
   const Eigen::Vector3d there = sticks.poses()[1].p;
   for (int k = 0; k < 1000; ++k) sticks.step(kStep);
   EXPECT_LT((sticks.poses()[1].p - there).norm(), 1e-6);  // m in 1 s
 
   const double angle = kFrictionAngle + half_degree;
-  World slips = world(testing::box_on_slope(angle));
+  World slips = world(cotwin::testing::box_on_slope(angle));
   const Eigen::Vector3d start = slips.poses()[1].p;
   for (int k = 0; k < 1000; ++k) slips.step(kStep);
   const double expected = 0.5 * kGravity * (std::sin(angle) - 0.5 * std::cos(angle));  // m in 1 s
@@ -98,7 +98,7 @@ TEST_P(PublicTest, BoxSticksJustBelowTheFrictionAngleAndSlipsJustAbove) {
 }
 
 TEST_P(PublicTest, BoxHeldByFrictionDoesNotCreep) {
-  World w = world(testing::held_box());
+  World w = world(cotwin::testing::held_box());
   Eigen::Vector3d there = Eigen::Vector3d::Zero();
   for (int k = 0; k < 3000; ++k) {
     w.apply(2, (Wrench() << -50, 0, 0, 0, 0, 0).finished());
@@ -110,7 +110,7 @@ TEST_P(PublicTest, BoxHeldByFrictionDoesNotCreep) {
 
 TEST_P(PublicTest, FloatingArmKeepsMomentumAndEnergy) {
   const std::array<double, 7> q{0.3, -0.9, 0.4, 1.2, -0.5, 0.8, 0.2}, dq{0.5, -0.4, 0.6, 0.5, -0.7, 0.4, 0.6};
-  World w = world(testing::floating_arm(q, dq));
+  World w = world(cotwin::testing::floating_arm(q, dq));
   const double E = energy(w);
   const Wrench P = momentum(w);
   double lost = 0;
@@ -124,7 +124,7 @@ TEST_P(PublicTest, FloatingArmKeepsMomentumAndEnergy) {
 }
 
 TEST_P(PublicTest, BodyTurningAboutItsMiddleAxisKeepsMomentumAndEnergy) {
-  World w = world(testing::spinning_box());
+  World w = world(cotwin::testing::spinning_box());
   const double E = energy(w);
   const Wrench P = momentum(w);
   double lost = 0, most = 0;
@@ -139,19 +139,20 @@ TEST_P(PublicTest, BodyTurningAboutItsMiddleAxisKeepsMomentumAndEnergy) {
 }
 
 TEST_P(PublicTest, TossedBoxComesToRest) {
-  World w = world(testing::tossed_box());
+  World w = world(cotwin::testing::tossed_box());
   for (int k = 0; k < 4000; ++k) w.step(kStep);
   EXPECT_LT(w.twists()[1].norm(), 1e-8);
   EXPECT_NEAR(std::abs(w.poses()[1].R.row(2).cwiseAbs().maxCoeff()), 1, 1e-6);  // on a face
 }
 
 TEST_P(PublicTest, StackOfTenStaysWhereItIs) {
-  World w = world(testing::stack(10));
-  const Eigen::Vector3d edges = Eigen::Vector3d::Constant(testing::kStackEdge);
+  World w = world(cotwin::testing::stack(10));
+  const Eigen::Vector3d edges = Eigen::Vector3d::Constant(cotwin::testing::kStackEdge);
   double depth = 0, drift = 0;
   for (int k = 0; k < 2000; ++k) {
     w.step(kStep);
-    for (std::size_t i = 2; i <= 10; ++i) depth = std::max(depth, testing::depth_on_top(w.poses()[i], w.poses()[i - 1], edges));
+    for (std::size_t i = 2; i <= 10; ++i)
+      depth = std::max(depth, cotwin::testing::depth_on_top(w.poses()[i], w.poses()[i - 1], edges));
     for (std::size_t i = 1; i <= 10; ++i) drift = std::max(drift, w.poses()[i].p.head<2>().norm());
   }
   EXPECT_LT(depth, 2e-5);  // m
@@ -163,7 +164,7 @@ TEST_P(PublicTest, StackOfTenLoadsAllItsCornersAndIsSolvedFromTheLastStep) {
   Options options;
   options.method = GetParam();
   options.iterations = 10;
-  World w(testing::stack(10), options);
+  World w(cotwin::testing::stack(10), options);
   for (int k = 0; k < 2000; ++k) w.step(kStep);
   ASSERT_EQ(w.contacts().size(), 40u);
   for (std::size_t c = 0; c < 40; ++c) {
@@ -191,8 +192,8 @@ TEST_P(PublicTest, ABoxPressesOnTheGroundWithItsWeightWhileOthersAreMovedApart) 
   Options options;
   options.method = GetParam();
   options.contacts = 1024;
-  scene::Scene scene = testing::pile(40, 1);
-  scene.bodies.push_back(testing::box("beside", {0.2, 0.2, 0.2}, 2, {20, 0, 0.1}, 0.5));
+  scene::Scene scene = cotwin::testing::pile(40, 1);
+  scene.bodies.push_back(cotwin::testing::box("beside", {0.2, 0.2, 0.2}, 2, {20, 0, 0.1}, 0.5));
   const auto beside = static_cast<int>(scene.bodies.size()) - 1;
   World w(scene, options);
   int deep = 0;
@@ -212,8 +213,8 @@ TEST_P(PublicTest, ABoxPressesOnTheGroundWithItsWeightWhileOthersAreMovedApart) 
 
 TEST_P(PublicTest, MotorsHoldTheArmBesideAStack) {
   const std::array<double, 7> start{0.3, -0.9, 0.4, 1.2, -0.5, 0.8, 0.2};
-  scene::Scene scene = testing::arm(start);
-  const scene::Scene stack = testing::stack(5);
+  scene::Scene scene = cotwin::testing::arm(start);
+  const scene::Scene stack = cotwin::testing::stack(5);
   for (scene::Body body : stack.bodies) {
     body.X_WB.p.x() += 2;
     scene.bodies.push_back(body);
@@ -225,7 +226,7 @@ TEST_P(PublicTest, MotorsHoldTheArmBesideAStack) {
   EXPECT_LT(w.largest_gap(), 1e-6);
 }
 
-INSTANTIATE_TEST_SUITE_P(Methods, PublicTest, testing::kMethods, testing::name_of_method);
+INSTANTIATE_TEST_SUITE_P(Methods, PublicTest, cotwin::testing::kMethods, cotwin::testing::name_of_method);
 
 }  // namespace
-}  // namespace cotwin::contact_world
+}  // namespace cotwin::contact_world::public_test

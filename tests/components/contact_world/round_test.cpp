@@ -13,7 +13,7 @@
 #include "models/scene/shapes.h"
 #include "tests/support/contact_scenes.h"
 
-namespace cotwin::contact_world {
+namespace cotwin::contact_world::round_test {
 namespace {
 
 using Eigen::Matrix3d;
@@ -45,7 +45,7 @@ scene::Scene bin(const std::vector<ShapeType>& types, int count, unsigned seed, 
   constexpr double kPitch = 0.22, kThick = 0.1, kHigh = 3;  // m
   const double half = across * kPitch / 2 + 0.05;
   scene::Scene scene;
-  scene.bodies.push_back(testing::ground(mu));
+  scene.bodies.push_back(cotwin::testing::ground(mu));
   for (int k = 0; k < 4; ++k) {
     const Matrix3d R = turned(k * M_PI / 2, Vector3d::UnitZ());
     scene.bodies.push_back(
@@ -119,7 +119,7 @@ TEST(RoundShapes, ACylinderRollsWithoutLoss) {
   for (const double angle : {0.0, 0.1}) {
     const Matrix3d R_slope = turned(angle, Vector3d::UnitY());
     scene::Scene scene;
-    scene.bodies.push_back(testing::slope(angle, 0.5));
+    scene.bodies.push_back(cotwin::testing::slope(angle, 0.5));
     constexpr double kRadius = 0.05, kSpeed = 1;
     scene.bodies.push_back(body_of(ShapeType::kCylinder, {kRadius, 0.1, 0}, R_slope * Vector3d(0, 0, kRadius),
                                    turned(M_PI / 2, Vector3d::UnitX()), 0.5));
@@ -135,7 +135,7 @@ TEST(RoundShapes, ACylinderRollsWithoutLoss) {
 
 TEST(RoundShapes, ACapsuleRollsWithoutLoss) {
   scene::Scene scene;
-  scene.bodies.push_back(testing::ground(0.5));
+  scene.bodies.push_back(cotwin::testing::ground(0.5));
   constexpr double kRadius = 0.03, kSpeed = 0.8;
   scene.bodies.push_back(
       body_of(ShapeType::kCapsule, {kRadius, 0.1, 0}, {0, 0, kRadius}, turned(M_PI / 2, Vector3d::UnitX()), 0.5));
@@ -150,7 +150,7 @@ TEST(RoundShapes, ADiscRollsOnItsEdgeAtTheRateOfSteadyMotion) {
   // ω is along the line between them. With the precession Ω about the vertical, Ω × L is the moment of the ground's force.
   constexpr double kRadius = 0.04, kHalf = 0.001, kTilt = 0.5;
   scene::Scene scene;
-  scene.bodies.push_back(testing::ground(5));
+  scene.bodies.push_back(cotwin::testing::ground(5));
   const Matrix3d R = turned(kTilt, Vector3d::UnitY());  // lowers the rim at +x
   const double height = kRadius * std::sin(kTilt) + kHalf * std::cos(kTilt),
                reach = kRadius * std::cos(kTilt) - kHalf * std::sin(kTilt);
@@ -187,7 +187,7 @@ TEST(RoundShapes, ADiscRollsOnItsEdgeAtTheRateOfSteadyMotion) {
 TEST(RoundShapes, ACylinderLiesOnAnotherThatIsNearlyParallel) {
   // At a crossing angle of 3 degrees the lower one carries the upper one along a line: one point would let it swing.
   scene::Scene scene;
-  scene.bodies.push_back(testing::ground(0.5));
+  scene.bodies.push_back(cotwin::testing::ground(0.5));
   const Matrix3d along_y = turned(M_PI / 2, Vector3d::UnitX());
   scene.bodies.push_back(body_of(ShapeType::kBox, {1, 1, 0.1}, {0, 0, 0.05}, Matrix3d::Identity(), 0.5));
   scene.bodies.back().motion = scene::Motion::kStatic;
@@ -240,7 +240,7 @@ TEST(RoundShapes, RollingEdgesKeepTheirEnergy) {
        {Case{0.5, euler(0.5), -euler(0.5) * std::cos(0.5)}, Case{0.2, euler(0.2), -euler(0.2) * std::cos(0.2)},
         Case{1.3, 2, -20}, Case{1.3, 0, -20}, Case{1.0, 8, -25}}) {
     scene::Scene scene;
-    scene.bodies = {testing::ground(1), leaning_disc(one.tilt, one.precession, one.spin, 0)};
+    scene.bodies = {cotwin::testing::ground(1), leaning_disc(one.tilt, one.precession, one.spin, 0)};
     const double change = largest_change_of_energy(scene, 1e-3, 10);
     EXPECT_LT(change, 1e-3) << one.tilt;
     EXPECT_LT(largest_change_of_energy(scene, 2.5e-4, 10), 0.15 * change) << one.tilt << ": not of second order";
@@ -249,7 +249,8 @@ TEST(RoundShapes, RollingEdgesKeepTheirEnergy) {
 
 TEST(RoundShapes, ARollingEdgeKeepsItsEnergyBesideABodyThatIsMovedInEveryStep) {
   scene::Scene scene;
-  scene.bodies = {testing::ground(1), leaning_disc(1.0, 8, -25, 0), testing::ball("moved", 0.1, 1, {5, 0, 1}, 1)};
+  scene.bodies = {cotwin::testing::ground(1), leaning_disc(1.0, 8, -25, 0),
+                  cotwin::testing::ball("moved", 0.1, 1, {5, 0, 1}, 1)};
   World w = world(scene);
   const auto energy = [&] {
     const Inertia& I = scene.bodies[1].inertia;
@@ -267,9 +268,9 @@ TEST(RoundShapes, ARollingEdgeKeepsItsEnergyBesideABodyThatIsMovedInEveryStep) {
 
 TEST(RoundShapes, AnEdgeThatRollsOnAFreeBoardKeepsTheEnergyOfBoth) {
   scene::Scene scene;
-  scene::Body board = testing::box("board", {20, 20, 0.2}, 2, {0, 0, 0.1}, 1);
+  scene::Body board = cotwin::testing::box("board", {20, 20, 0.2}, 2, {0, 0, 0.1}, 1);
   board.name = "board";
-  scene.bodies = {testing::ground(0), board, leaning_disc(1.0, 8, -25, 0.2)};
+  scene.bodies = {cotwin::testing::ground(0), board, leaning_disc(1.0, 8, -25, 0.2)};
   World w = world(scene);
   const double start = w.energy();
   for (int k = 0; k < 5000; ++k) w.step(1e-3);
@@ -279,7 +280,7 @@ TEST(RoundShapes, AnEdgeThatRollsOnAFreeBoardKeepsTheEnergyOfBoth) {
 
 TEST(RoundShapes, ABoxThatTipsOverItsEdgeKeepsTheEdgeWhereItIs) {
   scene::Scene scene;
-  scene.bodies.push_back(testing::ground(2));
+  scene.bodies.push_back(cotwin::testing::ground(2));
   constexpr double kHalf = 0.1, kTilt = 0.05;  // m; rad beyond the balance on the edge
   const Matrix3d R = turned(M_PI / 4 + kTilt, Vector3d::UnitY());
   const Vector3d corner(kHalf, 0, -kHalf);
@@ -298,4 +299,4 @@ TEST(RoundShapes, ABoxThatTipsOverItsEdgeKeepsTheEdgeWhereItIs) {
 }
 
 }  // namespace
-}  // namespace cotwin::contact_world
+}  // namespace cotwin::contact_world::round_test

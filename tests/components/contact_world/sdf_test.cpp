@@ -12,7 +12,7 @@
 #include "models/scene/sdf/sdf.h"
 #include "tests/support/files.h"
 
-namespace cotwin::contact_world {
+namespace cotwin::contact_world::sdf_test {
 namespace {
 
 using cotwin::testing::TemporaryFolder;
@@ -384,4 +384,4 @@ TEST(Meshes, OfAnyKindAreUsedOrRefusedWithAReason) {
 }
 
 }  // namespace
-}  // namespace cotwin::contact_world
+}  // namespace cotwin::contact_world::sdf_test

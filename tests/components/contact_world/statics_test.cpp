@@ -11,7 +11,7 @@
 #include "tests/support/contact_scenes.h"
 #include "tests/support/hard_scenes.h"
 
-namespace cotwin::contact_world {
+namespace cotwin::contact_world::statics_test {
 namespace {
 
 struct Seen {
@@ -42,13 +42,13 @@ TEST(Statics, ACardHouseStandsUpToItsCriticalLeanAndFallsBeyond) {
   for (const Method method : {Method::kTree, Method::kPgs, Method::kDantzig}) {
     for (const int levels : {2, 3}) {
       for (const double lean : {0.2, 0.336}) {  // critical: atan 0.35 = 0.3367 rad
-        const Seen seen = watch(testing::card_house(levels, lean, kFriction), method);
+        const Seen seen = watch(cotwin::testing::card_house(levels, lean, kFriction), method);
         EXPECT_LT(seen.way, 1e-4) << levels << " levels, " << lean << " rad";
         EXPECT_LT(seen.extended, 200);
       }
-      EXPECT_GT(watch(testing::card_house(levels, 0.36, kFriction), method).way, 0.01) << levels << " levels";
+      EXPECT_GT(watch(cotwin::testing::card_house(levels, 0.36, kFriction), method).way, 0.01) << levels << " levels";
     }
-    EXPECT_LT(watch(testing::card_house(5, 0.336, kFriction), method).way, 1e-4);
+    EXPECT_LT(watch(cotwin::testing::card_house(5, 0.336, kFriction), method).way, 1e-4);
   }
 }
 
@@ -65,7 +65,7 @@ TEST(Statics, ACardHouseStandsAtEveryStepAndSize) {
         Options options;
         options.method = method;
         options.contacts = 1024;
-        World world(testing::scaled(testing::card_house(3, lean, 0.35), one.scale), options);
+        World world(cotwin::testing::scaled(cotwin::testing::card_house(3, lean, 0.35), one.scale), options);
         const std::vector<Pose> start(world.poses().begin(), world.poses().end());
         for (int k = 0; k < 200; ++k) world.step(one.h);
         double way = 0;  // of the unscaled house, m
@@ -79,14 +79,15 @@ TEST(Statics, ACardHouseStandsAtEveryStepAndSize) {
 }
 
 TEST(Statics, TellsATowerThatItDoesNotSolve) {
-  EXPECT_EQ(watch(testing::stack(40)).unsolved, 0);
-  EXPECT_GT(watch(testing::stack(60)).unsolved, 1500) << "it leans, and falls after some seconds";
+  EXPECT_EQ(watch(cotwin::testing::stack(40)).unsolved, 0);
+  EXPECT_GT(watch(cotwin::testing::stack(60)).unsolved, 1500) << "it leans, and falls after some seconds";
 }
 
 // Without a bound on the pivots these islands took 15 to 160 times as long as sweeps.
 TEST(Statics, PivotingEndsInLargeIslands) {
   constexpr int kSteps = 1500;
-  for (const scene::Scene& scene : {testing::dominoes(30), testing::pile(60, 1), testing::balls(60, 1)}) {
+  for (const scene::Scene& scene :
+       {cotwin::testing::dominoes(30), cotwin::testing::pile(60, 1), cotwin::testing::balls(60, 1)}) {
     Options options;
     options.method = Method::kDantzig;
     options.contacts = 1024;
@@ -103,22 +104,22 @@ TEST(Statics, PivotingEndsInLargeIslands) {
 }
 
 TEST(Statics, AnArchOfNineWedgesStandsWithEnoughFrictionAndSlidesWithLess) {
-  for (const double mu : {0.35, 0.5}) EXPECT_LT(watch(testing::arch(9, mu)).way, 1e-4) << mu;
-  EXPECT_GT(watch(testing::arch(9, 0.3)).way, 0.1);
+  for (const double mu : {0.35, 0.5}) EXPECT_LT(watch(cotwin::testing::arch(9, mu)).way, 1e-4) << mu;
+  EXPECT_GT(watch(cotwin::testing::arch(9, 0.3)).way, 0.1);
 }
 
 TEST(Statics, ALadderStandsJustAboveItsCriticalFriction) {
-  EXPECT_LT(watch(testing::ladder(1.01 * testing::critical_ladder_mu())).way, 1e-6);
-  EXPECT_GT(watch(testing::ladder(0.99 * testing::critical_ladder_mu())).way, 1e-4);
+  EXPECT_LT(watch(cotwin::testing::ladder(1.01 * cotwin::testing::critical_ladder_mu())).way, 1e-6);
+  EXPECT_GT(watch(cotwin::testing::ladder(0.99 * cotwin::testing::critical_ladder_mu())).way, 1e-4);
 }
 
 TEST(Statics, ATowerOfFortyCubesStands) {
-  for (const int cubes : {35, 40}) EXPECT_LT(watch(testing::stack(cubes)).way, 1e-5) << cubes;
+  for (const int cubes : {35, 40}) EXPECT_LT(watch(cotwin::testing::stack(cubes)).way, 1e-5) << cubes;
 }
 
 TEST(Statics, ALightBodyCarriesOneOfTenThousandTimesItsMass) {
   for (const double drop : {0.0, 0.001}) {
-    scene::Scene scene = testing::stack(2);
+    scene::Scene scene = cotwin::testing::stack(2);
     scene::Body& heavy = scene.bodies.back();
     heavy.inertia.mass *= 1e4;
     heavy.inertia.I_CC *= 1e4;
@@ -128,4 +129,4 @@ TEST(Statics, ALightBodyCarriesOneOfTenThousandTimesItsMass) {
 }
 
 }  // namespace
-}  // namespace cotwin::contact_world
+}  // namespace cotwin::contact_world::statics_test

@@ -1,7 +1,7 @@
 // The contact world as a unit: its ports, and both kinds of link (inside, outside), together with the drive train.
 #include "components/contact_world/contact_world.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
@@ -22,8 +22,9 @@
 #include "tests/support/error_of.h"
 #include "tests/support/files.h"
 #include "tests/support/places.h"
+#include "tests/support/unit_subject.h"
 
-namespace cotwin {
+namespace cotwin::unit_test {
 namespace {
 
 using cotwin::testing::error_of;
@@ -38,40 +39,7 @@ const std::string kPusher = kData + "pusher.urdf";
 const std::string kFloor = kData + "floor.sdf";
 constexpr double kGravity = 9.81;
 
-/// A unit with its variables by name.
-class Subject {
- public:
-  explicit Subject(const std::string& source)
-      : instance_(make_unit(source, {}, {std::filesystem::path(places::source()) / "models"}, unit_types())) {}
-
-  std::span<double> operator[](const std::string& name) { return instance_.variables.at(name).reals(); }
-  Values values(const std::string& name) { return {(*this)[name].begin(), (*this)[name].end()}; }
-  std::int32_t integer(const std::string& name, std::size_t i = 0) { return instance_.variables.at(name).integers()[i]; }
-  Subject& set(const std::string& name, const Values& values) {
-    std::copy(values.begin(), values.end(), (*this)[name].begin());
-    return *this;
-  }
-  Subject& set(const std::string& name, std::int32_t value) {
-    instance_.variables.at(name).integers()[0] = value;
-    return *this;
-  }
-  Subject& fill(const std::string& name, double value) {
-    std::fill((*this)[name].begin(), (*this)[name].end(), value);
-    return *this;
-  }
-  void initialise() { instance_.unit->initialise(Time{}); }
-  void step(double h) {
-    const Duration d = Duration::from_seconds(h);
-    ASSERT_EQ(instance_.unit->step(now_, d), StepResult::kDone);
-    now_ = now_ + d;
-  }
-  Unit& unit() { return *instance_.unit; }
-  const Variables& variables() const { return instance_.variables; }
-
- private:
-  Instance instance_;
-  Time now_;
-};
+using Subject = cotwin::testing::UnitSubject;
 
 void copy(Subject& from, const std::string& out, Subject& to, const std::string& in) {
   std::copy(from[out].begin(), from[out].end(), to[in].begin());
@@ -703,9 +671,9 @@ TEST(ContactWorld, AllocatesOnceIfThereAreMorePointsThanExpected) {
   EXPECT_EQ(small.integer("contacts"), 4);
   EXPECT_EQ(small.integer("grown"), 1);
   EXPECT_EQ(large.integer("grown"), 0);
-  const auto before = testing::allocations();
+  const auto before = cotwin::testing::allocations();
   for (int i = 0; i < 200; ++i) small.step(1e-3);
-  EXPECT_EQ(testing::allocations() - before, 0u);
+  EXPECT_EQ(cotwin::testing::allocations() - before, 0u);
   for (int i = 0; i < 200; ++i) large.step(1e-3);
   EXPECT_EQ(small.integer("grown"), 1);
   EXPECT_EQ(small["contact_p"].size(), 6u);
@@ -805,9 +773,9 @@ TEST(ContactWorld, AStepAllocatesNothingAndGoesOnFromARestoredSnapshotToTheSameB
   Subject world(source), other(source);
   world.set("q", {-0.4, -0.6}).initialise();
   for (int i = 0; i < 50; ++i) world.step(1e-3);
-  const auto before = testing::allocations();
+  const auto before = cotwin::testing::allocations();
   for (int i = 0; i < 50; ++i) world.step(1e-3);
-  EXPECT_EQ(testing::allocations() - before, 0u);
+  EXPECT_EQ(cotwin::testing::allocations() - before, 0u);
 
   Snapshot snapshot;
   snapshot.take(world.variables(), world.unit());
@@ -862,9 +830,9 @@ TEST(ContactWorld, FollowsTheTunablesOfAFoundationToTheSameBitsFromARestoredSnap
   run(world);
   EXPECT_NEAR(world["block.p"][2], 0.05 - weight / (1e8 * area), 1e-9);
   world.fill("pad.stiffness_per_area", 2e8);
-  const auto before = testing::allocations();
+  const auto before = cotwin::testing::allocations();
   world.step(1e-3);
-  EXPECT_EQ(testing::allocations() - before, 0u);
+  EXPECT_EQ(cotwin::testing::allocations() - before, 0u);
   run(world);
   EXPECT_NEAR(world["block.p"][2], 0.05 - weight / (2e8 * area), 1e-9);
   EXPECT_EQ(world["pad.dent"][0], 0);
@@ -917,4 +885,4 @@ TEST(ContactWorld, RefusesAStateThatIsDamaged) {
 }
 
 }  // namespace
-}  // namespace cotwin
+}  // namespace cotwin::unit_test

@@ -1,6 +1,6 @@
 // Contacts by area (elastic foundation) and contacts that yield, against closed forms.
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
@@ -16,13 +16,13 @@
 #include "tests/components/contact_world/shapes.h"
 #include "tests/support/allocations.h"
 
-namespace cotwin::contact_world {
+namespace cotwin::contact_world::yielding_test {
 namespace {
 
+using contact_world::testing::make;
 using Eigen::Vector3d;
 using scene::Shape;
 using scene::ShapeType;
-using testing::make;
 
 constexpr double kModulus = 5e6, kThickness = 0.05, kStress = 1e5, kRadius = 0.01;  // Pa, m, Pa, m: specifications, section 6
 constexpr double kFoundation = kModulus / kThickness;
@@ -467,4 +467,4 @@ TEST(Yielding, OfAWholeContactDoesNotDependOnItsArea) {
 }
 
 }  // namespace
-}  // namespace cotwin::contact_world
+}  // namespace cotwin::contact_world::yielding_test

@@ -1,5 +1,5 @@
 // The drive train's physics: closed forms, conserved quantities, and a second formulation.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <Eigen/Cholesky>
@@ -11,7 +11,7 @@
 #include "tests/support/files.h"
 #include "tests/support/places.h"
 
-namespace cotwin::testing {
+namespace cotwin::testing::drive_train_test {
 namespace {
 
 using ::testing::AllOf;
@@ -579,4 +579,4 @@ TEST(DriveTrain, RefusesSettingsThatMakeNoSense) {
 }
 
 }  // namespace
-}  // namespace cotwin::testing
+}  // namespace cotwin::testing::drive_train_test

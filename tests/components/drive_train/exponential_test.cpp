@@ -9,7 +9,7 @@
 #include "models/robot/urdf/urdf.h"
 #include "tests/components/drive_train/harness.h"
 
-namespace cotwin::testing {
+namespace cotwin::testing::exponential_test {
 namespace {
 
 TEST(DriveTrainExponential, IsOfOrderThree) {
@@ -284,4 +284,4 @@ TEST(DriveTrainExponential, LeavesBristlesThatAreTooFastToTheRosenbrockMethod) {
 }
 
 }  // namespace
-}  // namespace cotwin::testing
+}  // namespace cotwin::testing::exponential_test

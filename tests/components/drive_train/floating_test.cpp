@@ -1,7 +1,7 @@
 // The drive train of a robot on a floating base against the same robot in maximal coordinates (contact world), against RK4 of
 // articulated bodies with the base's pose, and by conserved quantities.
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
@@ -18,7 +18,7 @@
 #include "tests/support/error_of.h"
 #include "tests/support/files.h"
 
-namespace cotwin {
+namespace cotwin::floating_test {
 namespace {
 
 using Eigen::Quaterniond;
@@ -421,4 +421,4 @@ TEST(DriveTrainFloating, ReportsErrorsInSettingsAndValues) {
 }
 
 }  // namespace
-}  // namespace cotwin
+}  // namespace cotwin::floating_test

@@ -1,5 +1,5 @@
 // The drive train of robots with mimic, locked and passive joints.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
@@ -11,7 +11,7 @@
 #include "tests/support/allocations.h"
 #include "tests/support/error_of.h"
 
-namespace cotwin {
+namespace cotwin::mimic_test {
 namespace {
 
 using testing::Drive;
@@ -176,4 +176,4 @@ TEST(DriveTrainPassive, WrongSettingsAreErrors) {
 }
 
 }  // namespace
-}  // namespace cotwin
+}  // namespace cotwin::mimic_test

@@ -7,7 +7,7 @@
 #include "tests/components/drive_train/harness.h"
 #include "tests/support/allocations.h"
 
-namespace cotwin::testing {
+namespace cotwin::testing::partials_test {
 namespace {
 
 class DriveTrainPartials : public ::testing::TestWithParam<std::string> {
@@ -153,4 +153,4 @@ INSTANTIATE_TEST_SUITE_P(Variants, DriveTrainPartials,
                          });
 
 }  // namespace
-}  // namespace cotwin::testing
+}  // namespace cotwin::testing::partials_test

@@ -6,7 +6,7 @@
 #include "tests/components/drive_train/harness.h"
 #include "tests/support/allocations.h"
 
-namespace cotwin::testing {
+namespace cotwin::testing::solver_test {
 namespace {
 
 void excite(Drive& drive, int step, double size = 1) {
@@ -373,4 +373,4 @@ INSTANTIATE_TEST_SUITE_P(Variants, DriveTrainSolvers,
                          });
 
 }  // namespace
-}  // namespace cotwin::testing
+}  // namespace cotwin::testing::solver_test

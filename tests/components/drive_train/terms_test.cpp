@@ -1,5 +1,5 @@
 // The terms of (2a) as outputs, terms=true: against closed forms of the planar arm and the balance with the joint torque.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -8,7 +8,7 @@
 #include "tests/support/allocations.h"
 #include "tests/support/error_of.h"
 
-namespace cotwin {
+namespace cotwin::terms_test {
 namespace {
 
 using testing::Drive;
@@ -92,4 +92,4 @@ TEST(DriveTrainTerms, NeedTheLinksInside) {
 }
 
 }  // namespace
-}  // namespace cotwin
+}  // namespace cotwin::terms_test

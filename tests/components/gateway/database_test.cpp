@@ -18,7 +18,7 @@
 #include "tests/components/gateway/jobs_trial.h"
 #include "tests/support/error_of.h"
 
-namespace cotwin::gateway::testing {
+namespace cotwin::gateway::testing::database_test {
 namespace {
 
 using cotwin::testing::error_of;
@@ -340,4 +340,4 @@ TEST(JobDatabase, CanBeReadByOthersMeanwhile) {
 }
 
 }  // namespace
-}  // namespace cotwin::gateway::testing
+}  // namespace cotwin::gateway::testing::database_test

@@ -1,5 +1,5 @@
 // No client delays the others: fair shares of threads, connections and time, and ends for WebSockets that do not read.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <atomic>
@@ -17,7 +17,7 @@
 #include "tests/support/http_client.h"
 #include "tests/support/patience.h"
 
-namespace cotwin::gateway::http {
+namespace cotwin::gateway::http::fairness_test {
 namespace {
 
 using ::testing::HasSubstr;
@@ -433,7 +433,7 @@ TEST(GatewayWebSocket, GivesAClientThatReadsWhatItIsSent) {
   EXPECT_TRUE(within_patience([&] { return subject.closed == 1; })) << "also if the client does not answer the close frame";
 }
 
-TEST(GatewayServer, EndsAWatcherAtOnceForWhichTooMuchWaits) {
+TEST(GatewayFairness, EndsAWatcherAtOnceForWhichTooMuchWaits) {
   ServerOptions options;
   options.limits.queue_bytes = 16 << 20;
   options.limits.response = 3600;  // not this ends it
@@ -448,4 +448,4 @@ TEST(GatewayServer, EndsAWatcherAtOnceForWhichTooMuchWaits) {
 }
 
 }  // namespace
-}  // namespace cotwin::gateway::http
+}  // namespace cotwin::gateway::http::fairness_test

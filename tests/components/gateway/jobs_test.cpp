@@ -14,7 +14,7 @@
 #include "tests/components/gateway/jobs_trial.h"
 #include "tests/support/error_of.h"
 
-namespace cotwin::gateway::testing {
+namespace cotwin::gateway::testing::jobs_test {
 namespace {
 
 using namespace std::chrono_literals;
@@ -603,4 +603,4 @@ TEST(JobText, HasOneCanonicalFormOfEqualRequests) {
 }
 
 }  // namespace
-}  // namespace cotwin::gateway::testing
+}  // namespace cotwin::gateway::testing::jobs_test

@@ -1,7 +1,7 @@
 // The gateway's routes to a running twin, with a client on raw sockets.
 #include "components/gateway/live/live.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <atomic>
@@ -13,7 +13,7 @@
 #include "tests/support/http_client.h"
 #include "tests/support/patience.h"
 
-namespace cotwin::gateway::live {
+namespace cotwin::gateway::live::live_test {
 namespace {
 
 using ::testing::HasSubstr;
@@ -457,4 +457,4 @@ TEST(GatewayLive, FillsRequestsToServicesWithThePresentPosture) {
 }
 
 }  // namespace
-}  // namespace cotwin::gateway::live
+}  // namespace cotwin::gateway::live::live_test

@@ -14,7 +14,7 @@
 #include "tests/support/mosquitto.h"
 #include "tests/support/mqtt_client.h"
 
-namespace cotwin::gateway::mqtt {
+namespace cotwin::gateway::mqtt::mqtt_test {
 namespace {
 
 using Json = nlohmann::json;
@@ -365,4 +365,4 @@ TEST_F(GatewayMqtt, PublishesTheRunsStateAndValuesAtALimitedRate) {
 }
 
 }  // namespace
-}  // namespace cotwin::gateway::mqtt
+}  // namespace cotwin::gateway::mqtt::mqtt_test

@@ -1,5 +1,5 @@
 // cotwin serve as users start it: the API against its own description, jobs, TLS, hostile bodies, and the clients of examples/12_mes.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 #include <signal.h>
 
@@ -20,6 +20,7 @@
 #include "tests/support/places.h"
 #include "tests/support/run_program.h"
 
+namespace program_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -642,3 +643,4 @@ TEST(MesExample, ClientsAskChooseRunWatchAndCompare) {
 }
 
 }  // namespace
+}  // namespace program_test

@@ -1,7 +1,7 @@
 // The gateway's HTTP server in process, with a client on raw sockets that can send anything.
 #include "components/gateway/http/server.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <atomic>
@@ -20,7 +20,7 @@
 #include "tests/support/http_client.h"
 #include "tests/support/patience.h"
 
-namespace cotwin::gateway::http {
+namespace cotwin::gateway::http::server_test {
 namespace {
 
 using ::testing::HasSubstr;
@@ -489,4 +489,4 @@ TEST(GatewayMessage, ReadsAcceptAndPrefer) {
 }
 
 }  // namespace
-}  // namespace cotwin::gateway::http
+}  // namespace cotwin::gateway::http::server_test

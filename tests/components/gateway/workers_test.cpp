@@ -18,7 +18,7 @@
 #include "models/foundation/support/error.h"
 #include "tests/components/gateway/jobs_trial.h"
 
-namespace cotwin::gateway::testing {
+namespace cotwin::gateway::testing::workers_test {
 namespace {
 
 /// Processes whose command line has this text.
@@ -297,4 +297,4 @@ TEST(WorkerLines, AreReadLikeTheJsonThatTheyAre) {
 }
 
 }  // namespace
-}  // namespace cotwin::gateway::testing
+}  // namespace cotwin::gateway::testing::workers_test

@@ -1,6 +1,6 @@
 #include "components/io/io.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -19,8 +19,9 @@
 #include "tests/support/files.h"
 #include "tests/support/places.h"
 #include "tests/support/public_data.h"
+#include "tests/support/unit_subject.h"
 
-namespace cotwin {
+namespace cotwin::io_test {
 namespace {
 
 using cotwin::testing::TemporaryFile;
@@ -30,38 +31,10 @@ using Values = std::vector<std::pair<std::string, std::string>>;
 constexpr Duration kTick{1'000'000};
 constexpr double kTurn = 2 * std::numbers::pi;
 
-/// An io unit with a recording, used like the master does.
-class Subject {
+/// An io unit with a recording.
+class Subject : public testing::UnitSubject {
  public:
-  explicit Subject(const std::string& query, const Values& values) {
-    const UnitType type{"io", "", [](Settings& s) -> std::unique_ptr<Unit> { return std::make_unique<io::Io>(s); },
-                        &io::Io::declare_settings};
-    instance_ = make_unit("unit:io?" + query, {}, {std::filesystem::path(places::source()) / "models"}, {&type, 1});
-    for (const auto& [name, value] : values) set(name, value);
-  }
-  void set(const std::string& name, const std::string& value) { assign_text(variables().at(name), value); }
-  void initialise() {
-    variables().check_ranges();
-    instance_.unit->initialise(Time{0});
-  }
-  /// Outputs at t, reached by one step of a tick.
-  void to(double t) { ASSERT_EQ(instance_.unit->step(Time::from_seconds(t) + Duration{-kTick.ns}, kTick), StepResult::kDone); }
-  double real(const std::string& name, std::size_t element = 0) const { return instance_.variables.at(name).reals()[element]; }
-  bool boolean(const std::string& name) const { return instance_.variables.at(name).booleans()[0]; }
-  std::string text(const std::string& name) const { return instance_.variables.at(name).strings()[0]; }
-  const Variables& variables() const { return instance_.variables; }
-  Unit& unit() { return *instance_.unit; }
-  std::string error_of_initialise() {
-    try {
-      initialise();
-    } catch (const Error& e) {
-      return e.what();
-    }
-    return "no error";
-  }
-
- private:
-  Instance instance_;
+  Subject(const std::string& query, const Values& values) : UnitSubject("unit:io?" + query, values) {}
 };
 
 double q_of(double t) { return 0.4 * std::sin(kTurn * 0.5 * t); }
@@ -86,7 +59,7 @@ TEST(Io, ARecordingIsPlayedWithItsDerivatives) {
   EXPECT_NEAR(s.real("q"), 0, 1e-12);
   const double w = kTurn * 0.5;
   for (double t = 0.001; t < 4; t += 0.0237) {
-    s.to(t);
+    s.at(t);
     EXPECT_NEAR(s.real("q", 0), q_of(t), 1e-9);
     EXPECT_NEAR(s.real("q", 1), -q_of(t), 1e-9);
     EXPECT_NEAR(s.real("dq", 0), 0.4 * w * std::cos(w * t), 1e-6);
@@ -105,15 +78,15 @@ TEST(Io, MeasuredTorquesAreLeftAloneUnlessAFilterIsAskedFor) {
   EXPECT_FALSE(s.boolean("has_tau_e"));
   EXPECT_NEAR(s.real("tau", 0), tau_of(0), 1e-12);
   for (int k = 1; k < 200; ++k) {
-    s.to(k * 0.02);  // at a sample's instant, the sample
+    s.at(k * 0.02);  // at a sample's instant, the sample
     EXPECT_NEAR(s.real("tau", 0), tau_of(k), 1e-11);
     EXPECT_NEAR(s.real("tau", 1), -200 * tau_of(k), 1e-9);
-    s.to(k * 0.02 + 0.005);  // between, a straight line
+    s.at(k * 0.02 + 0.005);  // between, a straight line
     EXPECT_NEAR(s.real("tau", 0), 0.75 * tau_of(k) + 0.25 * tau_of(k + 1), 1e-11);
   }
   s.set("tau_cutoff", "5");
   s.initialise();
-  s.to(2);
+  s.at(2);
   EXPECT_NEAR(s.real("tau", 0), 1, 1e-3);  // the mean of 3 and −1: the rest is at the Nyquist frequency
 }
 
@@ -121,14 +94,14 @@ TEST(Io, VelocitiesAreDerivedFromPositionsOrTakenFromTheirColumns) {
   const TemporaryFile file(recording(true));
   Subject s("joints=2", {{"file", file.path()}, {"derivative", "columns"}});
   s.initialise();
-  s.to(1.23);
+  s.at(1.23);
   EXPECT_NEAR(s.real("dq", 0), 7, 1e-12);
   EXPECT_NEAR(s.real("dq", 1), 8, 1e-12);
   EXPECT_NEAR(s.real("ddq", 1), 0, 1e-9);
   EXPECT_NEAR(s.real("q", 0), q_of(1.23), 1e-9);
   s.set("derivative", "position");
   s.initialise();
-  s.to(1.23);
+  s.at(1.23);
   EXPECT_NEAR(s.real("dq", 0), 0.4 * kTurn * 0.5 * std::cos(kTurn * 0.5 * 1.23), 1e-6);
   const TemporaryFile without(recording(false));
   Subject none("joints=2", {{"file", without.path()}, {"derivative", "columns"}});
@@ -142,7 +115,7 @@ TEST(Io, FreshTellsWhetherASampleCameWithinTheStep) {
   EXPECT_FALSE(s.boolean("fresh"));
   int fresh = 0;
   for (int k = 1; k <= 4000; ++k) {
-    s.to(k * 0.001);
+    s.at(k * 0.001);
     fresh += s.boolean("fresh") ? 1 : 0;
     EXPECT_EQ(s.boolean("done"), k * 0.001 + 0.011 >= 3.5);
   }
@@ -162,7 +135,7 @@ TEST(Io, ARecordingsTimeOfMeasurementGoesOnBetweenSamplesButNotInGapsNorAfterIts
   Subject s("joints=1", {{"file", file.path()}});
   s.initialise();
   for (int k = 1; k <= 300; ++k) {
-    s.to(k * 0.001);
+    s.at(k * 0.001);
     const int expected = k > 200 ? 200 : k > 100 && k < 140 ? 100 : k;
     EXPECT_NEAR(s.real("t_measured", 0), expected * 0.001, 1e-12) << k;
   }
@@ -173,7 +146,7 @@ TEST(Io, AfterItsEndTheJointsRestWhereTheyAre) {
   Subject s("joints=2", {{"file", file.path()}, {"start", "1"}, {"end", "2.25"}});
   s.initialise();
   EXPECT_NEAR(s.real("q"), q_of(1), 1e-9);
-  s.to(9);
+  s.at(9);
   EXPECT_NEAR(s.real("q"), q_of(2.25), 1e-9);
   EXPECT_EQ(s.real("dq"), 0);
   EXPECT_EQ(s.real("ddq"), 0);
@@ -186,13 +159,13 @@ TEST(Io, SmoothingIsThatOfTheDocumentedFilter) {
   const TemporaryFile file(recording(false));
   Subject s("joints=2", {{"file", file.path()}, {"q_cutoff", "0.5"}, {"filter_order", "2"}});
   s.initialise();
-  s.to(2.5);
+  s.at(2.5);
   // Only four seconds with a filter of half a hertz: the ends still have an influence.
   EXPECT_NEAR(s.real("q"), q_of(2.5) * std::sqrt(0.5), 0.15 * 0.4);
   s.set("q_cutoff", "12");
   s.initialise();
   for (double t = 0.5; t < 3.5; t += 0.01) {
-    s.to(t);
+    s.at(t);
     EXPECT_NEAR(s.real("q"), q_of(t), 1e-5);
   }
   s.set("q_cutoff", "25");
@@ -205,19 +178,19 @@ TEST(Io, StepsCanBeTakenBackAndAllocateNothing) {
   Subject s("joints=2", values);
   s.initialise();
   EXPECT_TRUE(s.unit().restorable());
-  s.to(1);
+  s.at(1);
   Snapshot here;
   here.take(s.variables());
-  s.to(1.001);
+  s.at(1.001);
   const double q = s.real("q"), dq = s.real("dq", 1), tau = s.real("tau", 1);
-  for (const double t : {3.0, 0.5, 2.0}) s.to(t);
+  for (const double t : {3.0, 0.5, 2.0}) s.at(t);
   here.restore(s.variables(), s.unit());
-  s.to(1.001);
+  s.at(1.001);
   EXPECT_EQ(s.real("q"), q);
   EXPECT_EQ(s.real("dq", 1), dq);
   EXPECT_EQ(s.real("tau", 1), tau);
   const std::uint64_t before = testing::allocations();
-  for (int k = 1; k <= 500; ++k) s.to(k * 0.001);
+  for (int k = 1; k <= 500; ++k) s.at(k * 0.001);
   EXPECT_EQ(testing::allocations(), before);
 }
 
@@ -292,11 +265,11 @@ TEST(Io, CommandsAreAcceptedAndIgnoredByARecording) {
   const TemporaryFile file(recording(true));
   Subject s("joints=2", {{"file", file.path()}});
   s.initialise();
-  s.to(1);
+  s.at(1);
   const double q = s.real("q");
   s.set("q_command", "9");
   s.set("tau_command", "9");
-  s.to(1);
+  s.at(1);
   EXPECT_EQ(s.real("q"), q);
 }
 
@@ -336,15 +309,15 @@ TEST(Io, ReportsTheEndOfTheRecording) {
   Subject s("joints=1&robot=", {{"file", file.path()}});
   s.initialise();
   const std::string before = s.text("warning");
-  s.to(0.02);
-  s.to(0.03);
+  s.at(0.02);
+  s.at(0.03);
   EXPECT_EQ(s.text("warning"), before);
   const std::uint64_t allocated = testing::allocations();
-  s.to(0.031);
+  s.at(0.031);
   EXPECT_EQ(testing::allocations(), allocated);
   EXPECT_THAT(s.text("warning"), HasSubstr("the recording ended at 0.03 s; after that the robot is assumed to be at rest"));
   const std::string first = s.text("warning");
-  s.to(0.032);
+  s.at(0.032);
   EXPECT_EQ(s.text("warning"), first);  // once
 }
 
@@ -379,7 +352,7 @@ TEST(Sensors, HaveNoiseOfTheGivenDeviationThatIsTheSameForTheSameSeed) {
     io.initialise();
     std::vector<double> all;
     for (int i = 1; i <= 20000; ++i) {
-      io.to(i * 1e-3);
+      io.at(i * 1e-3);
       all.push_back(io.real("tau"));
     }
     return all;
@@ -404,7 +377,7 @@ TEST(Sensors, MeasureTheExternalTorqueThroughTheLowPass) {
   Subject io("joints=1&link=sensors", {{"tau_e_cutoff", "5"}});
   io.initialise();
   io.set("tau_e_true", "3");
-  for (int i = 1; i <= 40; ++i) io.to(i * 1e-3);
+  for (int i = 1; i <= 40; ++i) io.at(i * 1e-3);
   EXPECT_NEAR(io.real("tau_e"), 3 * (1 - std::exp(-kTurn * 5 * 0.04)), 1e-12);
 }
 
@@ -421,7 +394,7 @@ TEST(Sensors, LeaveTheSensorsLaterByADelayExactToTheBit) {
       for (const char* name : {"q_true", "dq_true", "tau_true", "tau_e_true"}) {
         s->set(name, text::to_text(std::sin(0.3 * i)) + " " + text::to_text(std::cos(0.2 * i)));
       }
-      i == 0 ? s->initialise() : s->to(i * 1e-3);
+      i == 0 ? s->initialise() : s->at(i * 1e-3);
     }
     sent.emplace_back();
     for (const std::string& name : names) {
@@ -440,7 +413,7 @@ TEST(Sensors, RefuseADelayForWhichTheyKeepNoSamples) {
   Subject few("joints=1&link=sensors&history=5", {{"delay", "0.005"}});
   few.initialise();
   try {
-    for (int i = 1; i <= 10; ++i) few.to(i * 1e-3);
+    for (int i = 1; i <= 10; ++i) few.at(i * 1e-3);
     ADD_FAILURE() << "5 samples reach back 4 steps";
   } catch (const Error& e) {
     EXPECT_THAT(e.what(), HasSubstr("expected a larger setting history"));
@@ -470,4 +443,4 @@ TEST(DelayLine, InterpolatesBetweenSamplesOfStepsOfAnyLength) {
 }
 
 }  // namespace
-}  // namespace cotwin
+}  // namespace cotwin::io_test

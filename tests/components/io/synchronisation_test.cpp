@@ -1,7 +1,7 @@
 // PD synchronisation of robot and twin (V-D): components/io/links/synchronisation.h.
 #include "components/io/links/synchronisation.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <Eigen/Eigenvalues>
@@ -20,7 +20,7 @@
 #include "tests/components/io/ports.h"
 #include "tests/support/error_of.h"
 
-namespace cotwin::io {
+namespace cotwin::io::synchronisation_test {
 namespace {
 
 /// Largest magnitude of the zeros of c[0] zⁿ + … + c[n], as eigenvalues of the companion matrix.
@@ -362,4 +362,4 @@ INSTANTIATE_TEST_SUITE_P(Links, SynchronisationOverALossyLink,
                          });
 
 }  // namespace
-}  // namespace cotwin::io
+}  // namespace cotwin::io::synchronisation_test

@@ -1,6 +1,6 @@
 #include "components/motion/motion.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -18,7 +18,7 @@
 #include "tests/support/files.h"
 #include "tests/support/places.h"
 
-namespace cotwin {
+namespace cotwin::motion_test {
 namespace {
 
 using cotwin::testing::TemporaryFile;
@@ -50,13 +50,13 @@ TEST(Motion, APolynomialFollowsItsClosedForm) {
   EXPECT_EQ(s.real("q_d", 1), -1);
   EXPECT_FALSE(s.boolean("done"));
   for (double t = 0.001; t < 2; t += 0.1) {
-    s.to(t);
+    s.at(t);
     const double x = t / 2;
     EXPECT_NEAR(s.real("q_d", 1), -1 + 3 * x * x * x * (10 + x * (6 * x - 15)), 1e-14);
     EXPECT_NEAR(s.real("dq_d", 1), 3 * 30 * x * x * (1 - x) * (1 - x) / 2, 1e-13);
     EXPECT_NEAR(s.real("ddq_d", 1), 3 * 60 * x * (1 - x) * (1 - 2 * x) / 4, 1e-12);
   }
-  s.to(2.5);
+  s.at(2.5);
   EXPECT_EQ(s.real("q_d", 0), 0);
   EXPECT_EQ(s.real("dq_d", 0), 0);
   EXPECT_EQ(s.real("ddq_d", 0), 0);
@@ -78,9 +78,9 @@ TEST(Motion, RedundantCoefficientsKeepBothEndsAndPrescribedJerks) {
   EXPECT_EQ(s.real("q_d"), 0.1);
   EXPECT_NEAR(s.real("dq_d"), -0.2, 1e-14);
   EXPECT_NEAR(s.real("ddq_d"), 0.3, 1e-12);
-  s.to(1e-6);
+  s.at(1e-6);
   EXPECT_NEAR((s.real("ddq_d") - 0.3) / 1e-6, 2, 0.1);  // the jerk at the start, and its change within a microsecond
-  s.to(0.8);
+  s.at(0.8);
   EXPECT_EQ(s.real("q_d"), 1);
   EXPECT_NEAR(s.real("dq_d"), 0.4, 1e-13);
   EXPECT_NEAR(s.real("ddq_d"), -0.5, 1e-11);
@@ -92,15 +92,15 @@ TEST(Motion, AMotionBeginsAtItsStartAndRestsBefore) {
             {{"t_start", "1"}, {"waypoint_t", "5,6,8"}, {"waypoint_q", "0.5, 1, -1"}, {"waypoint_dwell", "0,0.5,0"}});
   s.initialise();
   EXPECT_EQ(s.real("q_d"), 0.5);
-  s.to(0.9);
+  s.at(0.9);
   EXPECT_EQ(s.real("q_d"), 0.5);
   EXPECT_EQ(s.real("ddq_d"), 0);
   for (const double t : {2.0, 2.3, 2.5}) {  // reached at 1 + (6 − 5) s, then a dwell
-    s.to(t);
+    s.at(t);
     EXPECT_NEAR(s.real("q_d"), 1, 1e-15);
     EXPECT_NEAR(s.real("dq_d"), 0, 1e-14);
   }
-  s.to(4);
+  s.at(4);
   EXPECT_NEAR(s.real("q_d"), -1, 1e-15);
   EXPECT_TRUE(s.boolean("done"));
 }
@@ -119,12 +119,12 @@ TEST(Motion, WaypointsComeFromAFileWithTheRobotsJointNamesInDegrees) {
   Subject s("robot=lwr4&degree=7", {{"file", points.path()}, {"angle", "deg"}});
   s.initialise();
   for (const double t : {2.0, 2.7, 3.0}) {
-    s.to(t);
+    s.at(t);
     EXPECT_NEAR(s.real("q_d", 0), std::numbers::pi / 2, 1e-14);
     EXPECT_NEAR(s.real("q_d", 1), std::numbers::pi / 6, 1e-14);
     EXPECT_NEAR(s.real("q_d", 6), std::numbers::pi / 4, 1e-14);
   }
-  s.to(5);
+  s.at(5);
   EXPECT_TRUE(s.boolean("done"));
 }
 
@@ -146,7 +146,7 @@ TEST(Motion, LimitsOfTheRobotAreErrorsThatNameJointTimeValueAndLimit) {
   fast.initialise();
   const double limit = 110 * std::numbers::pi / 180;
   EXPECT_NEAR(fast.real("stretch"), 3.75 / limit, 2e-3);  // the URDF's limit has few digits
-  fast.to(fast.real("duration") / 2);
+  fast.at(fast.real("duration") / 2);
   EXPECT_NEAR(fast.real("dq_d"), limit, 2e-3);
   far.set("limits", "stretch");
   EXPECT_THAT(far.error_of_initialise(), HasSubstr("is at 3.1 rad"));  // stretching cannot help
@@ -169,8 +169,8 @@ TEST(Motion, TimeScalingKeepsTheWayAndDividesTheDerivatives) {
   fast.initialise();
   slow.initialise();
   for (double t = 0.02; t < 1; t += 0.02) {
-    fast.to(t);
-    slow.to(2.5 * t);
+    fast.at(t);
+    slow.at(2.5 * t);
     EXPECT_NEAR(slow.real("q_d"), fast.real("q_d"), 1e-14);
     EXPECT_NEAR(slow.real("dq_d"), fast.real("dq_d") / 2.5, 1e-13);
     EXPECT_NEAR(slow.real("ddq_d"), fast.real("ddq_d") / 6.25, 1e-12);
@@ -183,7 +183,7 @@ TEST(Motion, ARecordedMotionIsFollowedWithItsDerivatives) {
   s.initialise();
   const double w = 2 * std::numbers::pi;
   for (double t = 0.001; t <= 1.25; t += 0.0137) {
-    s.to(t);
+    s.at(t);
     EXPECT_NEAR(s.real("q_d"), 0.5 * std::sin(w * (t + 0.25)), 1e-8);
     EXPECT_NEAR(s.real("dq_d"), 0.5 * w * std::cos(w * (t + 0.25)), 1e-6);
     EXPECT_NEAR(s.real("ddq_d"), -0.5 * w * w * std::sin(w * (t + 0.25)), 1e-4);
@@ -198,7 +198,7 @@ TEST(Motion, ASoftStartEntersARecordingFromRestWithoutAJump) {
   EXPECT_EQ(s.real("dq_d"), 0);
   double q = s.real("q_d"), dq = s.real("dq_d"), ddq = s.real("ddq_d");
   for (int k = 1; k <= 2500; ++k) {
-    s.to(k * 0.001);
+    s.at(k * 0.001);
     // The mean of both ends over a millisecond: h²/12 times the second derivative, here up to about 10³ and 10⁵.
     ASSERT_NEAR(s.real("q_d") - q, 0.5e-3 * (dq + s.real("dq_d")), 1e-7) << k;
     ASSERT_NEAR(s.real("dq_d") - dq, 0.5e-3 * (ddq + s.real("ddq_d")), 1e-5) << k;
@@ -214,10 +214,10 @@ TEST(Motion, LoopsRepeatOrTurnBack) {
               HasSubstr("joint 1 starts at 0 rad with 0 rad/s and ends at 1 rad with 0 rad/s, expected the same"));
   s.set("loop", "there_and_back");
   s.initialise();
-  s.to(0.3);
+  s.at(0.3);
   const double q = s.real("q_d"), dq = s.real("dq_d"), ddq = s.real("ddq_d");
   for (const double t : {1.7, 3.7, 101.7}) {
-    s.to(t);
+    s.at(t);
     EXPECT_NEAR(s.real("q_d"), q, 1e-12);
     EXPECT_NEAR(s.real("dq_d"), -dq, 1e-12);
     EXPECT_NEAR(s.real("ddq_d"), ddq, 1e-11);
@@ -228,7 +228,7 @@ TEST(Motion, LoopsRepeatOrTurnBack) {
   EXPECT_THAT(turning.error_of_initialise(), HasSubstr("expected rest at both ends"));
   Subject repeating("kind=csv", {{"file", file.path()}, {"loop", "repeat"}});
   repeating.initialise();
-  repeating.to(10.125);
+  repeating.at(10.125);
   EXPECT_NEAR(repeating.real("q_d"), 0.5 * std::sin(2 * std::numbers::pi * 0.125), 1e-6);
 }
 
@@ -241,10 +241,10 @@ TEST(Motion, OutputsDependOnTimeAloneAndStepsAllocateNothing) {
     Subject a(query, values), b(query, values);
     a.initialise();
     b.initialise();
-    for (const double t : {0.9, 0.2, 1.4}) b.to(t);
-    b.to(0.5);
+    for (const double t : {0.9, 0.2, 1.4}) b.at(t);
+    b.at(0.5);
     const std::uint64_t before = testing::allocations();
-    for (int k = 1; k <= 500; ++k) a.to(k * 0.001);
+    for (int k = 1; k <= 500; ++k) a.at(k * 0.001);
     EXPECT_EQ(testing::allocations(), before) << query;
     for (const char* name : {"q_d", "dq_d", "ddq_d"}) EXPECT_EQ(a.real(name), b.real(name)) << query << ", " << name;
   }
@@ -278,4 +278,4 @@ TEST(Motion, WarnsOfImplausibleSamplingTimes) {
 }
 
 }  // namespace
-}  // namespace cotwin
+}  // namespace cotwin::motion_test

@@ -1,5 +1,5 @@
 // The unit's poses: a Cartesian motion, and forward kinematics of a joint motion.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
@@ -19,7 +19,7 @@
 #include "tests/support/files.h"
 #include "tests/support/places.h"
 
-namespace cotwin {
+namespace cotwin::poses_test {
 namespace {
 
 using cotwin::testing::TemporaryFile;
@@ -44,7 +44,7 @@ TEST(MotionPoses, FollowALineAndAGeodesicAtThePhasesRates) {
   EXPECT_EQ(s.vector("p_d"), Vector3d(0.4, 0, 0.5));
   EXPECT_EQ(s.real("duration"), 4);
   for (double t = 0.1; t < 4; t += 0.1) {
-    s.to(1 + t);
+    s.at(1 + t);
     const double x = t / 4, f = x * x * x * (10 + x * (6 * x - 15));
     const double df = 30 * x * x * (1 - x) * (1 - x) / 4, ddf = 60 * x * (1 - x) * (1 - 2 * x) / 16;
     EXPECT_LT((s.vector("p_d") - Vector3d(0.4, 0.3 * f, 0.5)).norm(), 1e-15);
@@ -66,14 +66,14 @@ TEST(MotionPoses, TurnOnWithoutAJumpOfTheQuaternionWhenAMotionRepeats) {
   s.initialise();
   Quaterniond before = s.orientation();
   for (int k = 1; k < 900; ++k) {
-    s.to(k * 0.01);
+    s.at(k * 0.01);
     const Quaterniond Q = s.orientation();
     EXPECT_GT(Q.dot(before), 0.99) << "at " << k * 0.01 << " s";
     before = Q;
   }
-  s.to(3);
+  s.at(3);
   EXPECT_NEAR(s.real("quat_d", 0), -1, 1e-14);
-  s.to(6);
+  s.at(6);
   EXPECT_NEAR(s.real("quat_d", 0), 1, 1e-14);
 }
 
@@ -87,7 +87,7 @@ TEST(MotionPoses, MeetLimitsOfTheFrameByStretching) {
   s.set("limits", "stretch");
   s.initialise();
   EXPECT_NEAR(s.real("stretch"), 7.5, 1e-9);
-  s.to(3.75);
+  s.at(3.75);
   EXPECT_NEAR(s.real("v_d"), 0.25, 1e-10);
 }
 
@@ -102,7 +102,7 @@ TEST(MotionPoses, BeginAtThePoseOfTheRobot) {
   const Pose X = robot::forward_kinematics(mechanism, data, q, robot::on_body(model.frame("link_6")));
   EXPECT_LT((s.vector("p_d") - Vector3d(1, 2, 3) - X.p).norm(), 1e-14);
   EXPECT_LT((s.orientation().toRotationMatrix() - X.R).norm(), 1e-14);
-  s.to(1);
+  s.at(1);
   EXPECT_EQ(s.vector("p_d"), Vector3d(0.3, 0.1, 0.6));
 }
 
@@ -123,17 +123,17 @@ TEST(MotionPoses, OfAJointMotionAreThoseOfForwardKinematics) {
   Quaterniond before = s.orientation();
   const double e = 1e-5;
   for (double t = 0.01; t < 2; t += 0.01) {
-    s.to(t);
+    s.at(t);
     const Pose X = robot::forward_kinematics(mechanism, data, s.joints("q_d"), robot::on_body(model.end_effector()));
     EXPECT_LT((s.vector("p_d") - Vector3d(0.3, -0.2, 1) - Q_WB * X.p).norm(), 1e-14);
     EXPECT_LT((s.orientation().toRotationMatrix() - Q_WB * X.R).norm(), 1e-14);
     EXPECT_GT(s.orientation().dot(before), 0.9) << "the sign is continuous";
     before = s.orientation();
     const Vector3d v = s.vector("v_d"), w = s.vector("w_d"), dv = s.vector("dv_d"), dw = s.vector("dw_d");
-    s.to(t + e);
+    s.at(t + e);
     const Vector3d p1 = s.vector("p_d"), v1 = s.vector("v_d"), w1 = s.vector("w_d");
     const Quaterniond Q1 = s.orientation();
-    s.to(t - e);
+    s.at(t - e);
     EXPECT_LT(((p1 - s.vector("p_d")) / (2 * e) - v).norm(), 1e-6);
     EXPECT_LT(((v1 - s.vector("v_d")) / (2 * e) - dv).norm(), 2e-5);
     EXPECT_LT(((w1 - s.vector("w_d")) / (2 * e) - dw).norm(), 2e-5);
@@ -146,7 +146,7 @@ TEST(MotionPoses, OfAPointingHandFollowAFile) {
   const TemporaryFile file("t,x,y,z,via_x,via_y,via_z\n0,1,0,0,,,\n1,-1,0,0,0,1,0\n");
   Subject s("space=cartesian", {{"file", file.path()}});
   s.initialise();
-  s.to(0.5);
+  s.at(0.5);
   EXPECT_LT((s.vector("p_d") - Vector3d(0, 1, 0)).norm(), 1e-15);
 }
 
@@ -172,7 +172,7 @@ TEST(MotionPoses, DriveTheJointsByInverseKinematics) {
   const Vector3d first = s.vector("p_d");
   const Quaterniond Q_first = s.orientation();
   for (double t = 0.05; t < 2.3; t += 0.05) {
-    s.to(t);
+    s.at(t);
     const VectorXd q = s.joints("q_d"), dq = s.joints("dq_d"), ddq = s.joints("ddq_d");
     Eigen::MatrixXd J(6, 7);
     Twist bias;
@@ -193,14 +193,14 @@ TEST(MotionPoses, ReachTheirPosturesAtAnyTimeInAnyOrder) {
   Subject random("space=cartesian&from=relative&inverse=true&robot=lwr4", kReach);
   forwards.initialise();
   random.initialise();
-  random.to(1.9);
+  random.at(1.9);
   for (const double t : {0.3, 0.9, 1.4}) {
-    forwards.to(t);
-    random.to(t);
+    forwards.at(t);
+    random.at(t);
     EXPECT_EQ(forwards.joints("q_d"), random.joints("q_d"));
     EXPECT_EQ(forwards.joints("ddq_d"), random.joints("ddq_d"));
     const std::uint64_t before = testing::allocations();
-    random.to(2 - t);
+    random.at(2 - t);
     EXPECT_EQ(testing::allocations(), before);
   }
 }
@@ -213,7 +213,7 @@ TEST(MotionPoses, StretchUntilTheJointsMeetTheirLimits) {
   EXPECT_GT(s.real("stretch"), 1.5);
   double fastest = 0;
   for (double t = 0; t < s.real("duration"); t += 0.01) {
-    s.to(t + 0.01);
+    s.at(t + 0.01);
     fastest = std::max(fastest, s.joints("dq_d").cwiseAbs().maxCoeff());
   }
   EXPECT_NEAR(fastest, 0.1, 1e-4);
@@ -242,7 +242,7 @@ TEST(MotionPoses, SearchTheFirstPostureClosestToTheGivenOne) {
     EXPECT_TRUE(null_space != "reference" || (q - given).norm() <= (of_pose - given).norm());
     EXPECT_TRUE(null_space != "centre" || q.norm() < of_pose.norm());
     EXPECT_TRUE(null_space != "joint&null_joint=3" || std::abs(q[2] + 0.2) < 1e-10);
-    s.to(0.5);
+    s.at(0.5);
     EXPECT_LT((s.joints("q_d") - q).norm(), 1e-12) << "a pose at rest is a posture at rest";
     EXPECT_LT(s.joints("dq_d").norm(), 1e-15);
   }
@@ -282,4 +282,4 @@ TEST(MotionPoses, RefuseWhatTheyCannotRender) {
 }
 
 }  // namespace
-}  // namespace cotwin
+}  // namespace cotwin::poses_test

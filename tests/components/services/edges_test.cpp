@@ -1,5 +1,5 @@
 // Services at the edges: files beside the URDF that do not fit, odd robots and moves, members without effect, free end postures.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -14,7 +14,7 @@
 #include "tests/support/files.h"
 #include "tests/support/places.h"
 
-namespace cotwin::services {
+namespace cotwin::services::edges_test {
 namespace {
 
 using nlohmann::json;
@@ -583,4 +583,4 @@ TEST(Optimise, HasTheMassAndTheSafetyOfTheirServices) {
 }
 
 }  // namespace
-}  // namespace cotwin::services
+}  // namespace cotwin::services::edges_test

@@ -1,5 +1,5 @@
 // Requests and replies of services as JSON: schemas against actual replies, closed forms, robots of other kinds, damaged requests.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -16,7 +16,7 @@
 #include "tests/support/files.h"
 #include "tests/support/places.h"
 
-namespace cotwin::services {
+namespace cotwin::services::json_test {
 namespace {
 
 using nlohmann::json;
@@ -758,4 +758,4 @@ TEST(ServiceRequests, TakeRobotsOfManyJoints) {
 }
 
 }  // namespace
-}  // namespace cotwin::services
+}  // namespace cotwin::services::json_test

@@ -12,7 +12,7 @@
 #include "models/robot/urdf/urdf.h"
 #include "tests/support/places.h"
 
-namespace cotwin::services {
+namespace cotwin::services::services_test {
 namespace {
 
 robot::RobotModel lwr4() { return robot::load_urdf(places::source() + "/models/robots/lwr4/robot.urdf"); }
@@ -140,4 +140,4 @@ TEST(Services, AnswersRequestsInJsonAndRefusesOthers) {
 }
 
 }  // namespace
-}  // namespace cotwin::services
+}  // namespace cotwin::services::services_test

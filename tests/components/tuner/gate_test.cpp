@@ -1,5 +1,5 @@
 // What the tuner takes as a new measurement, and what as a gap.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <array>
@@ -8,7 +8,7 @@
 #include "models/robot/changes/perturbed.h"
 #include "tests/components/tuner/subject.h"
 
-namespace cotwin {
+namespace cotwin::gate_test {
 namespace {
 
 using namespace testing;
@@ -212,4 +212,4 @@ TEST(Tuner, BeginsAgainWhenTheRobotsClockDoesOrIsNotANumber) {
 }
 
 }  // namespace
-}  // namespace cotwin
+}  // namespace cotwin::gate_test

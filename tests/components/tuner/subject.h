@@ -12,6 +12,7 @@
 #include "models/robot/dynamics.h"
 #include "models/robot/urdf/urdf.h"
 #include "tests/support/places.h"
+#include "tests/support/unit_subject.h"
 
 namespace cotwin::testing {
 
@@ -21,18 +22,9 @@ constexpr Duration kTick{1'000'000};
 inline robot::RobotModel planar() { return robot::load_urdf(kModels / "robots/planar2/robot.urdf"); }
 
 /// A unit with its variables by name, used as the master does.
-class Subject {
+class Subject : public UnitSubject {
  public:
-  explicit Subject(const std::string& source) : instance_(make_unit(source, {}, {kModels}, unit_types())) {}
-  std::span<double> operator[](const std::string& name) { return instance_.variables.at(name).reals(); }
-  std::int32_t integer(const std::string& name) { return instance_.variables.at(name).integers()[0]; }
-  std::string text(const std::string& name) { return instance_.variables.at(name).strings()[0]; }
-  void set(const std::string& name, const std::string& value) { assign_text(instance_.variables.at(name), value); }
-  void initialise() { instance_.unit->initialise(Time{}); }
-  void step(Duration h = kTick) {
-    ASSERT_EQ(instance_.unit->step(now_, h), StepResult::kDone);
-    now_ = now_ + h;
-  }
+  using UnitSubject::UnitSubject;
   std::vector<double> outputs() {
     std::vector<double> all;
     for (const Variable& v : instance_.variables) {
@@ -65,11 +57,6 @@ class Subject {
     snapshot.restore(instance_.variables, *instance_.unit);
     now_ = Time::from_seconds(now);
   }
-  Unit& unit() { return *instance_.unit; }
-
- private:
-  Instance instance_;
-  Time now_;
 };
 
 /// A motion that excites both joints, and the torques that a robot needs for it.

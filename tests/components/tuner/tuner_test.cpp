@@ -1,7 +1,7 @@
 // The tuner as a unit in a running twin, and the units that use its results.
 #include "components/tuner/tuner.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <chrono>
@@ -17,7 +17,7 @@
 #include "tests/components/tuner/subject.h"
 #include "tests/support/allocations.h"
 
-namespace cotwin {
+namespace cotwin::tuner_test {
 namespace {
 
 using namespace testing;
@@ -501,4 +501,4 @@ TEST(Tuner, RestoresItsToolsAndItsEstimateToTheBit) {
 }
 
 }  // namespace
-}  // namespace cotwin
+}  // namespace cotwin::tuner_test

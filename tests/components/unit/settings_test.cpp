@@ -1,6 +1,6 @@
 #include "components/unit/settings.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <filesystem>
@@ -11,7 +11,7 @@
 #include "models/scene/cell.h"
 #include "tests/support/places.h"
 
-namespace cotwin {
+namespace cotwin::settings_test {
 namespace {
 
 using ::testing::AllOf;
@@ -179,4 +179,4 @@ TEST(Settings, AXacroFileAsRobotIsReadAndRefusedWithAHint) {
 }
 
 }  // namespace
-}  // namespace cotwin
+}  // namespace cotwin::settings_test

@@ -10,7 +10,7 @@
 
 #include "models/foundation/support/error.h"
 
-namespace cotwin::si {
+namespace cotwin::si::si_test {
 namespace {
 
 using Exponents = std::array<int, 8>;  // kg, m, s, A, K, mol, cd, rad
@@ -246,4 +246,4 @@ TEST(Definitions, AreAddedForEveryMeasureThatASetUsesAndReadBackAlike) {
 }
 
 }  // namespace
-}  // namespace cotwin::si
+}  // namespace cotwin::si::si_test

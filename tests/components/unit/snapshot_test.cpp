@@ -1,13 +1,13 @@
 #include "components/unit/snapshot.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <random>
 
 #include "models/foundation/support/error.h"
 
-namespace cotwin {
+namespace cotwin::snapshot_test {
 namespace {
 
 /// Counts its steps; stores a word.
@@ -110,4 +110,4 @@ TEST(Snapshot, RefusesBytesThatAreCutShortOrDamaged) {
 }
 
 }  // namespace
-}  // namespace cotwin
+}  // namespace cotwin::snapshot_test

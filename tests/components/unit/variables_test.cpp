@@ -1,6 +1,6 @@
 #include "components/unit/variables.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <Eigen/Core>
@@ -11,7 +11,7 @@
 
 #include "models/foundation/support/error.h"
 
-namespace cotwin {
+namespace cotwin::variables_test {
 namespace {
 
 using ::testing::HasSubstr;
@@ -196,4 +196,4 @@ TEST(ElementName, CountsFromOne) {
 }
 
 }  // namespace
-}  // namespace cotwin
+}  // namespace cotwin::variables_test

@@ -13,7 +13,7 @@
 #include "tests/master/test_units.h"
 #include "tests/support/places.h"
 
-namespace cotwin::master {
+namespace cotwin::master::contact_loop_test {
 namespace {
 
 using ::cotwin::testing::Build;
@@ -137,4 +137,4 @@ TEST_F(ContactLoop, RestsWhereTheForceOfTheFloorCarriesTheArm) {
 }
 
 }  // namespace
-}  // namespace cotwin::master
+}  // namespace cotwin::master::contact_loop_test

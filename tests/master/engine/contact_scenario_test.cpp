@@ -14,7 +14,7 @@
 #include "tests/support/places.h"
 #include "tests/support/synthetic_log.h"
 
-namespace cotwin::master {
+namespace cotwin::master::contact_scenario_test {
 namespace {
 
 /// An arm of two links, whose tip is a ball of 20 mm, falls on a floor without restitution; `tick` with its unit.
@@ -159,4 +159,4 @@ TEST(ContactScenario, ASolvedLoopEndsAtTheNoiseOfItsContacts) {
 }
 
 }  // namespace
-}  // namespace cotwin::master
+}  // namespace cotwin::master::contact_scenario_test

@@ -1,7 +1,7 @@
 // What check finds about the coupling of loops.
 #include "master/workflows/coupling_check.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-more-matchers.h>
 #include <gtest/gtest.h>
 
 #include <filesystem>
@@ -13,7 +13,7 @@
 #include "tests/master/test_units.h"
 #include "tests/support/linear_units.h"
 
-namespace cotwin::master {
+namespace cotwin::master::coupling_check_test {
 namespace {
 
 using ::cotwin::testing::Build;
@@ -298,4 +298,4 @@ TEST_F(CheckCouplingOfAFile, ReportsAnInitialisationThatFails) {
 }
 
 }  // namespace
-}  // namespace cotwin::master
+}  // namespace cotwin::master::coupling_check_test

@@ -1,5 +1,5 @@
 // Loops of FMUs that are solved within each step.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -16,7 +16,7 @@
 #include "tests/support/linear_units.h"
 #include "tests/support/places.h"
 
-namespace cotwin::master {
+namespace cotwin::master::coupling_fmu_test {
 namespace {
 
 using ::cotwin::testing::Build;
@@ -315,4 +315,4 @@ INSTANTIATE_TEST_SUITE_P(, LoopOfFmus, ::testing::Values(fmu::Version::k2, fmu::
                          [](const auto& version) { return version.param == fmu::Version::k2 ? "Fmi2" : "Fmi3"; });
 
 }  // namespace
-}  // namespace cotwin::master
+}  // namespace cotwin::master::coupling_fmu_test

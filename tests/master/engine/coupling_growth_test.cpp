@@ -1,5 +1,5 @@
 // Loops whose values begin to diverge during a run: seen by their growth, and solved from before it.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 #include <unistd.h>
 
@@ -14,7 +14,7 @@
 #include "tests/master/test_units.h"
 #include "tests/support/files.h"
 
-namespace cotwin::master {
+namespace cotwin::master::coupling_growth_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -290,4 +290,4 @@ TEST(GrowthWatch, TellsSignalsFromDivergence) {
 }
 
 }  // namespace
-}  // namespace cotwin::master
+}  // namespace cotwin::master::coupling_growth_test

@@ -1,5 +1,5 @@
 // Which steps of a loop are stable: measured by the master from outside of the units, here from the matrices of linear units.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <Eigen/Core>
@@ -11,7 +11,7 @@
 #include "tests/master/test_units.h"
 #include "tests/support/linear_units.h"
 
-namespace cotwin::master {
+namespace cotwin::master::coupling_stability_test {
 namespace {
 
 using ::cotwin::testing::Build;
@@ -112,7 +112,7 @@ class ExplicitMatrix {
   double radius() const {
     MatrixXd matrix(size_, size_);
     for (Eigen::Index j = 0; j < size_; ++j) matrix.col(j) = step(VectorXd::Unit(size_, j));
-    return ::cotwin::master::radius(matrix);
+    return coupling_stability_test::radius(matrix);
   }
 
  private:
@@ -342,4 +342,4 @@ TEST(ImplicitCoupling, WithHeldInputsGrowsNoMoreThanExplicitSteps) {
 }
 
 }  // namespace
-}  // namespace cotwin::master
+}  // namespace cotwin::master::coupling_stability_test

@@ -1,4 +1,4 @@
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -12,7 +12,7 @@
 #include "tests/support/allocations.h"
 #include "tests/support/linear_units.h"
 
-namespace cotwin::master {
+namespace cotwin::master::coupling_test {
 namespace {
 
 using ::cotwin::testing::Build;
@@ -672,4 +672,4 @@ TEST(LoopReport, HasTheSameContentsAsJson) {
 }
 
 }  // namespace
-}  // namespace cotwin::master
+}  // namespace cotwin::master::coupling_test

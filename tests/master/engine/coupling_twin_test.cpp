@@ -12,7 +12,7 @@
 #include "master/scenario/scenario.h"
 #include "tests/support/places.h"
 
-namespace cotwin::master {
+namespace cotwin::master::coupling_twin_test {
 namespace {
 
 Scenario peg_in_hole(CouplingChoice coupling, const std::vector<std::string>& assignments) {
@@ -82,4 +82,4 @@ TEST(CoupledTwin, HasTheSameBitsTwice) {
 }
 
 }  // namespace
-}  // namespace cotwin::master
+}  // namespace cotwin::master::coupling_twin_test

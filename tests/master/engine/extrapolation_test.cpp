@@ -6,7 +6,7 @@
 #include <limits>
 #include <vector>
 
-namespace cotwin::master {
+namespace cotwin::master::extrapolation_test {
 namespace {
 
 using Vector = Eigen::VectorXd;
@@ -93,4 +93,4 @@ TEST(Extrapolation, GoesOnFromItsNumbers) {
 }
 
 }  // namespace
-}  // namespace cotwin::master
+}  // namespace cotwin::master::extrapolation_test

@@ -14,7 +14,7 @@
 #include "master/scenario/scenario.h"
 #include "tests/support/places.h"
 
-namespace cotwin::master {
+namespace cotwin::master::held_signals_test {
 namespace {
 
 // A digital controller keeps its torque constant until its next step. The work of a constant torque is torque times way. With a
@@ -73,4 +73,4 @@ TEST(HeldSignals, ATorqueIsDeclaredAsHeldAndAMotionIsNot) {
 }
 
 }  // namespace
-}  // namespace cotwin::master
+}  // namespace cotwin::master::held_signals_test

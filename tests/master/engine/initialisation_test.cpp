@@ -1,6 +1,6 @@
 #include "master/engine/coupling/initialisation.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-more-matchers.h>
 #include <gtest/gtest.h>
 
 #include "fmu/export/package.h"
@@ -8,7 +8,7 @@
 #include "master/twin/twin_package.h"
 #include "tests/master/test_units.h"
 
-namespace cotwin::master {
+namespace cotwin::master::initialisation_test {
 namespace {
 
 using ::cotwin::testing::Build;
@@ -456,4 +456,4 @@ TEST(StrongComponents, ALongChainNeedsNoDeepStack) {
 }
 
 }  // namespace
-}  // namespace cotwin::master
+}  // namespace cotwin::master::initialisation_test

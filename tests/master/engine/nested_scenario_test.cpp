@@ -1,5 +1,5 @@
 // A scenario as a component of another one: its annotation is kept.
-#include <gmock/gmock.h>
+#include <gmock/gmock-more-matchers.h>
 #include <gtest/gtest.h>
 #include <unistd.h>
 
@@ -12,7 +12,7 @@
 #include "models/foundation/support/error.h"
 #include "tests/support/places.h"
 
-namespace cotwin::master {
+namespace cotwin::master::nested_scenario_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -218,4 +218,4 @@ TEST_F(Nested, OmissionsInItAreReported) {
 }
 
 }  // namespace
-}  // namespace cotwin::master
+}  // namespace cotwin::master::nested_scenario_test

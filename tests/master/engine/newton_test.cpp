@@ -1,6 +1,6 @@
 #include "master/engine/coupling/newton.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <Eigen/QR>
@@ -8,7 +8,7 @@
 #include <functional>
 #include <random>
 
-namespace cotwin::master {
+namespace cotwin::master::newton_test {
 namespace {
 
 using Vector = Eigen::VectorXd;
@@ -301,4 +301,4 @@ TEST(Newton, AllowedNoiseChangesNothingWhereNewtonsMethodConverges) {
 }
 
 }  // namespace
-}  // namespace cotwin::master
+}  // namespace cotwin::master::newton_test

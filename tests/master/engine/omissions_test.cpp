@@ -1,7 +1,7 @@
 // Warnings of check and run about things that a scenario forgot. The units are those of the program.
 #include "master/run/omissions.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-more-matchers.h>
 #include <gtest/gtest.h>
 
 #include "master/workflows/check.h"
@@ -10,7 +10,7 @@
 #include "tests/support/growth.h"
 #include "tests/support/places.h"
 
-namespace cotwin::master {
+namespace cotwin::master::omissions_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -234,4 +234,4 @@ TEST(Omissions, ExamplesHaveNone) {
 }
 
 }  // namespace
-}  // namespace cotwin::master
+}  // namespace cotwin::master::omissions_test

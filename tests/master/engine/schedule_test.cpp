@@ -1,12 +1,12 @@
 #include "master/engine/wiring/schedule.h"
 #include "master/engine/wiring/arrangement.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include "tests/master/test_units.h"
 
-namespace cotwin::master {
+namespace cotwin::master::schedule_test {
 namespace {
 
 using ::cotwin::testing::Build;
@@ -174,4 +174,4 @@ TEST(Schedule, CouplingErrorFallsWithTheSquareOfTheTickOrFaster) {
 }
 
 }  // namespace
-}  // namespace cotwin::master
+}  // namespace cotwin::master::schedule_test

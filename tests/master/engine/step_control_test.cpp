@@ -1,12 +1,12 @@
 #include "master/engine/step_control.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include "master/twin/twin.h"
 #include "tests/master/test_units.h"
 
-namespace cotwin::master {
+namespace cotwin::master::step_control_test {
 namespace {
 
 using ::cotwin::testing::Build;
@@ -322,4 +322,4 @@ TEST(StepControl, ARunWithoutDiscardedStepsIsNotChangedByIt) {
 }
 
 }  // namespace
-}  // namespace cotwin::master
+}  // namespace cotwin::master::step_control_test

@@ -1,11 +1,11 @@
 #include "master/engine/wiring/wiring.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include "tests/master/test_units.h"
 
-namespace cotwin::master {
+namespace cotwin::master::wiring_test {
 namespace {
 
 using ::cotwin::testing::Build;
@@ -231,4 +231,4 @@ TEST(Messages, NameAComponentOnce) {
 }
 
 }  // namespace
-}  // namespace cotwin::master
+}  // namespace cotwin::master::wiring_test

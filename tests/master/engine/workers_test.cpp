@@ -9,7 +9,7 @@
 
 #include "tests/master/test_units.h"
 
-namespace cotwin::master {
+namespace cotwin::master::workers_test {
 namespace {
 
 using ::cotwin::testing::Build;
@@ -168,4 +168,4 @@ TEST(Threads, ReportTheFirstFaultInTheOrderOfTheScenario) {
 }
 
 }  // namespace
-}  // namespace cotwin::master
+}  // namespace cotwin::master::workers_test

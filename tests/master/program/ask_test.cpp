@@ -1,5 +1,5 @@
 // cotwin ask: requests from lines of a queue, from options and from files.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -20,6 +20,7 @@
 #include "tests/support/places.h"
 #include "tests/support/run_program.h"
 
+namespace ask_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -668,3 +669,4 @@ TEST(MotionFile, IsReadByTheUnitAsTheSameMotion) {
 }
 
 }  // namespace
+}  // namespace ask_test

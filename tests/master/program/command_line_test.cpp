@@ -1,5 +1,5 @@
 // Waypoints and events on the command line, completion by shells, and manual pages.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -13,6 +13,7 @@
 #include "tests/support/recording.h"
 #include "tests/support/run_program.h"
 
+namespace command_line_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -278,3 +279,4 @@ TEST_F(CommandLine, ManualPagesListEveryCommandAndOption) {
 }
 
 }  // namespace
+}  // namespace command_line_test

@@ -1,5 +1,5 @@
 // unit:energy in a scenario, and cotwin fit-energy.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -13,6 +13,7 @@
 #include "tests/support/places.h"
 #include "tests/support/run_program.h"
 
+namespace energy_program_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -160,3 +161,4 @@ TEST(EnergyProgram, RefusesBadLogsAndOptionsInASentence) {
 }
 
 }  // namespace
+}  // namespace energy_program_test

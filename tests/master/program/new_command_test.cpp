@@ -1,5 +1,5 @@
 // cotwin new: the scenarios that it writes run unchanged and do what their comments say.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -13,6 +13,7 @@
 #include "tests/support/recording.h"
 #include "tests/support/run_program.h"
 
+namespace new_command_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -135,19 +136,6 @@ TEST_P(NewOfOurRobots, RunsUnchanged) { expect_kinds(GetParam()); }
 
 INSTANTIATE_TEST_SUITE_P(All, NewOfOurRobots,
                          ::testing::Values("lwr4", "planar2", "kr300_r2500", "ur3e", "ur5e", "ur10", "ur10e", "ur16e", "ur20"));
-
-class NewOfPublicRobots : public ::testing::TestWithParam<const char*> {};
-
-TEST_P(NewOfPublicRobots, RunsUnchanged) {
-  const fs::path file = fs::path(cotwin::places::shared()) / "data/models" / GetParam();
-  if (!fs::exists(file)) GTEST_SKIP() << "no " << file;
-  expect_kinds(file.string());
-}
-
-INSTANTIATE_TEST_SUITE_P(All, NewOfPublicRobots,
-                         ::testing::Values("iiwa7_lbr_fri.urdf", "iiwa14_lbr_fri.urdf", "kr210_r2700_2_kroshu.urdf",
-                                           "panda_franka_ros.urdf", "ur5e.urdf", "ur10.urdf",
-                                           "drake_dual_iiwa14_polytope_collision.urdf"));
 
 std::string link(const std::string& name, double mass) {
   const std::string m = std::to_string(mass), I = std::to_string(0.02 * mass);
@@ -398,3 +386,4 @@ TEST(New, NamesWithMarkupDoNotBecomeMarkup) {
 }
 
 }  // namespace
+}  // namespace new_command_test

@@ -1,5 +1,5 @@
 // cotwin plot: charts by gnuplot.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -10,6 +10,7 @@
 #include "tests/support/files.h"
 #include "tests/support/run_program.h"
 
+namespace plot_command_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -190,3 +191,4 @@ TEST(PlotErrors, NameWhatIsMissing) {
 }
 
 }  // namespace
+}  // namespace plot_command_test

@@ -1,5 +1,5 @@
 // The program `cotwin` as users call it: exit codes, files, messages.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 #include <signal.h>
 #include <unistd.h>
@@ -15,6 +15,7 @@
 #include "tests/support/places.h"
 #include "tests/support/run_program.h"
 
+namespace program_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -393,3 +394,4 @@ TEST_F(Program, MountsToolsOutsideOfARun) {
 }
 
 }  // namespace
+}  // namespace program_test

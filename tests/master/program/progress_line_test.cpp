@@ -1,6 +1,6 @@
 // The progress line of long commands: its text, the time left, and when it is shown.
 #include <fcntl.h>
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 #include <signal.h>
 #include <stdlib.h>
@@ -11,6 +11,7 @@
 #include "tests/support/patience.h"
 #include "tests/support/run_program.h"
 
+namespace progress_line_test {
 namespace {
 
 using cotwin::master::duration_text;
@@ -120,3 +121,4 @@ TEST(Progress, OfARunIsShownWithTheTimeLeftOnATerminalOnly) {
 }
 
 }  // namespace
+}  // namespace progress_line_test

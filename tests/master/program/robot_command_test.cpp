@@ -1,6 +1,6 @@
 // cotwin robot: the emulated robot as users start it, with a client that was written from the wire tables alone
 // (tests/components/io/fri/client.py). The client's speed does not matter: it has a minute.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 #include <signal.h>
 #include <unistd.h>
@@ -20,6 +20,7 @@
 #include "tests/support/places.h"
 #include "tests/support/run_program.h"
 
+namespace robot_command_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -292,3 +293,4 @@ TEST(RobotCommand, NamesWhatItCannotEmulate) {
 }
 
 }  // namespace
+}  // namespace robot_command_test

@@ -1,5 +1,5 @@
 // cotwin search: bisection over runs of a scenario.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <filesystem>
@@ -11,6 +11,7 @@
 #include "tests/support/places.h"
 #include "tests/support/run_program.h"
 
+namespace search_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -111,3 +112,4 @@ TEST(Search, EndsWithTheErrorOfARunThatFails) {
 }
 
 }  // namespace
+}  // namespace search_test

@@ -1,5 +1,5 @@
 // cotwin report: the page, what it is made of, and hostile results.
-#include <gmock/gmock.h>
+#include <gmock/gmock-more-matchers.h>
 #include <gtest/gtest.h>
 
 #include <array>
@@ -25,6 +25,7 @@
 #include "tests/support/places.h"
 #include "tests/support/run_program.h"
 
+namespace report_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -609,3 +610,4 @@ TEST(ReportPage, OfATuningShowsTorquesConvergenceAndParameters) {
 }
 
 }  // namespace
+}  // namespace report_test

@@ -1,7 +1,7 @@
 // Components that step on threads of their own, beside the loop (master/engine/beside.h).
 #include "master/engine/beside.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <array>
@@ -16,7 +16,7 @@
 #include "tests/master/test_units.h"
 #include "tests/support/allocations.h"
 
-namespace cotwin::master {
+namespace cotwin::master::beside_test {
 namespace {
 
 using ::cotwin::testing::Build;
@@ -452,4 +452,4 @@ TEST(Beside, EventsAndKindsOfValuesReachTheUnit) {
 }
 
 }  // namespace
-}  // namespace cotwin::master
+}  // namespace cotwin::master::beside_test

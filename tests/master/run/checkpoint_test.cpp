@@ -1,7 +1,7 @@
 // A run that is saved, killed and resumed has the same bits as an uninterrupted run.
 #include "master/run/checkpoint.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 #include <unistd.h>
 
@@ -17,7 +17,7 @@
 #include "tests/master/test_units.h"
 #include "tests/support/files.h"
 
-namespace cotwin::master {
+namespace cotwin::master::checkpoint_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -266,4 +266,4 @@ TEST_F(Saved, TheWriterKeepsTheEarlierFileWhereItCannotWriteAnother) {
 }
 
 }  // namespace
-}  // namespace cotwin::master
+}  // namespace cotwin::master::checkpoint_test

@@ -1,5 +1,5 @@
 // Errors, recording, packages and figures of clocks, in simulated time.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <fstream>
@@ -11,7 +11,7 @@
 #include "master/twin/ssd_write.h"
 #include "tests/master/run/clocked_units.h"
 
-namespace cotwin::master {
+namespace cotwin::master::clock_report_test {
 namespace {
 
 using ::cotwin::testing::Build;
@@ -163,4 +163,4 @@ TEST_F(ClockedRun, ReportsItsFigures) {
 }
 
 }  // namespace
-}  // namespace cotwin::master
+}  // namespace cotwin::master::clock_report_test

@@ -1,7 +1,7 @@
 // Clocks of the loop against simulated time: nothing here depends on the speed of the machine.
 #include "master/clock/clock.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 #include <cmath>
 #include <random>
@@ -11,7 +11,7 @@
 #include "tests/master/run/clocked_units.h"
 #include "tests/support/allocations.h"
 
-namespace cotwin::master {
+namespace cotwin::master::clock_test {
 namespace {
 
 using ::cotwin::testing::Build;
@@ -552,4 +552,4 @@ TEST_F(ClockedRun, NoClockAllocatesAlsoWithOverrunsAndThreads) {
 }
 
 }  // namespace
-}  // namespace cotwin::master
+}  // namespace cotwin::master::clock_test

@@ -1,5 +1,5 @@
 // The files of a program that is stopped, killed, refused or out of disk space.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <grp.h>
 #include <gtest/gtest.h>
 #include <sched.h>
@@ -22,6 +22,7 @@
 #include "tests/support/files.h"
 #include "tests/support/run_program.h"
 
+namespace durable_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -358,3 +359,4 @@ TEST_F(Durable, AFolderThatMayNotBeWrittenIsNamedWithTheSystemsReason) {
 }
 
 }  // namespace
+}  // namespace durable_test

@@ -1,12 +1,12 @@
 #include "master/engine/events.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include "tests/master/test_units.h"
 #include "tests/support/growth.h"
 
-namespace cotwin::master {
+namespace cotwin::master::events_test {
 namespace {
 
 using ::cotwin::testing::Build;
@@ -104,4 +104,4 @@ TEST(Events, ARampThatALaterOneReplacedDoesNotResume) {
 }
 
 }  // namespace
-}  // namespace cotwin::master
+}  // namespace cotwin::master::events_test

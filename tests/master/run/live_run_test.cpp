@@ -14,7 +14,7 @@
 #include "tests/master/test_units.h"
 #include "tests/support/allocations.h"
 
-namespace cotwin::master {
+namespace cotwin::master::live_run_test {
 namespace {
 
 using bus::LiveRun;
@@ -528,4 +528,4 @@ TEST(LiveRun, ATickAllocatesNothingWhileItIsObserved) {
 }
 
 }  // namespace
-}  // namespace cotwin::master
+}  // namespace cotwin::master::live_run_test

@@ -7,7 +7,7 @@
 
 #include "tests/master/run/observed_run.h"
 
-namespace cotwin::master {
+namespace cotwin::master::live_run_thread_test {
 namespace {
 
 using bus::LiveRun;
@@ -83,4 +83,4 @@ TEST(LiveRunThread, APausedRunAnswersAndIsResumedByAnotherThread) {
 }
 
 }  // namespace
-}  // namespace cotwin::master
+}  // namespace cotwin::master::live_run_thread_test

@@ -1,6 +1,6 @@
 #include "master/run/master.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 #include <unistd.h>
 
@@ -12,7 +12,7 @@
 #include "tests/master/test_units.h"
 #include "tests/support/allocations.h"
 
-namespace cotwin::master {
+namespace cotwin::master::master_test {
 namespace {
 
 using ::cotwin::testing::Build;
@@ -342,4 +342,4 @@ TEST(Master, RefusesAStartValueThatInitialisationReplaces) {
 }
 
 }  // namespace
-}  // namespace cotwin::master
+}  // namespace cotwin::master::master_test

@@ -9,7 +9,7 @@
 #include "master/clock/histogram.h"
 #include "tests/master/run/simulated_source.h"
 
-namespace cotwin::master {
+namespace cotwin::master::phase_locked_loop_test {
 namespace {
 
 using testing::gaussian;
@@ -194,4 +194,4 @@ TEST(Histogram, PutsEachDurationIntoTheBinOfItsEdges) {
 }
 
 }  // namespace
-}  // namespace cotwin::master
+}  // namespace cotwin::master::phase_locked_loop_test

@@ -1,6 +1,6 @@
 #include "master/run/recorder.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 #include <signal.h>
 #include <sys/resource.h>
@@ -16,7 +16,7 @@
 #include "models/foundation/support/text.h"
 #include "tests/master/test_units.h"
 
-namespace cotwin::master {
+namespace cotwin::master::recorder_test {
 namespace {
 
 using ::cotwin::testing::Build;
@@ -289,4 +289,4 @@ TEST_F(Recording, KeepsWhatWasSampledBeforeAFailure) {
 }
 
 }  // namespace
-}  // namespace cotwin::master
+}  // namespace cotwin::master::recorder_test

@@ -1,11 +1,11 @@
 #include "master/run/statistics.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include "tests/master/test_units.h"
 
-namespace cotwin::master {
+namespace cotwin::master::statistics_test {
 namespace {
 
 using ::cotwin::testing::Build;
@@ -167,4 +167,4 @@ TEST(Statistics, RefusesSignalsThatCannotBeCompared) {
 }
 
 }  // namespace
-}  // namespace cotwin::master
+}  // namespace cotwin::master::statistics_test

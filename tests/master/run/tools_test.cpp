@@ -1,7 +1,7 @@
 // Tools that come and go in a run (IV-A2): master/engine/tools.h.
 #include "master/engine/tools.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-more-matchers.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -25,7 +25,7 @@
 #include "tests/support/files.h"
 #include "tests/support/places.h"
 
-namespace cotwin::master {
+namespace cotwin::master::tools_test {
 namespace {
 
 using cotwin::testing::error_of;
@@ -597,4 +597,4 @@ TEST(Tools, AreInTheHistoryAsFarAsTheRunHasCome) {
 }
 
 }  // namespace
-}  // namespace cotwin::master
+}  // namespace cotwin::master::tools_test

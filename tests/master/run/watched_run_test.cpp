@@ -11,7 +11,7 @@
 #include "tests/master/test_units.h"
 #include "tests/support/allocations.h"
 
-namespace cotwin::master {
+namespace cotwin::master::watched_run_test {
 namespace {
 
 struct Change {
@@ -100,4 +100,4 @@ TEST(WatchedRun, ATickAllocatesNothingWhileItIsWatched) {
 }
 
 }  // namespace
-}  // namespace cotwin::master
+}  // namespace cotwin::master::watched_run_test

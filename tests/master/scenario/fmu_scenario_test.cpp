@@ -1,5 +1,5 @@
 // Scenarios with FMUs: the same bits as with units, packages, single FMUs, and errors in files.
-#include <gmock/gmock.h>
+#include <gmock/gmock-more-matchers.h>
 #include <gtest/gtest.h>
 #include <unistd.h>
 
@@ -20,11 +20,12 @@
 #include "tests/support/error_of.h"
 #include "tests/support/files.h"
 #include "tests/support/places.h"
+#include "tests/support/public_data.h"
 #include "tests/support/run_program.h"
 #include "tests/support/standard_validator.h"
 #include "tests/support/xmllint.h"
 
-namespace cotwin::master {
+namespace cotwin::master::fmu_scenario_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -329,8 +330,8 @@ TEST_F(FmuScenario, ThePackagesFilesFollowTheStandards) {
 }
 
 TEST_F(FmuScenario, ThePackagesFilesAreValid) {
-  const fs::path schemas = fs::path(places::shared()) / "data/schemas/ssp1";
-  if (!fs::exists(schemas)) GTEST_SKIP() << "no schemas in " << schemas;
+  const fs::path schemas = fs::path(places::public_data("schemas/ssp1"));
+  if (!fs::exists(schemas)) GTEST_SKIP() << "needs schemas (scripts/fetch_logs.py --tests)";
   const fmu::TemporaryFolder unpacked = fmu::unpack_archive(pack(example()));
   const auto faults = [&](const char* schema, const char* file) {
     return testing::schema_errors(schemas / schema, unpacked.path() / file);
@@ -649,4 +650,4 @@ TEST_F(FmuScenario, HalvesATickThatAForeignFmuDiscardsAndNamesIt) {
 }
 
 }  // namespace
-}  // namespace cotwin::master
+}  // namespace cotwin::master::fmu_scenario_test

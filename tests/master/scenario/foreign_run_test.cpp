@@ -1,5 +1,5 @@
 // Runs with FMUs that insist on the rules of FMI (tests/fmu/fmus/strict.h): going back, and loops at the start.
-#include <gmock/gmock.h>
+#include <gmock/gmock-more-matchers.h>
 #include <gtest/gtest.h>
 
 #include <cstdlib>
@@ -11,7 +11,7 @@
 #include "tests/fmu/foreign.h"
 #include "tests/master/test_units.h"
 
-namespace cotwin::master {
+namespace cotwin::master::foreign_run_test {
 namespace {
 
 using namespace cotwin::testing;
@@ -313,4 +313,4 @@ TEST(EventMode, IsNotUsedIfAnFmuDeclaresButRefusesIt) {
 }
 
 }  // namespace
-}  // namespace cotwin::master
+}  // namespace cotwin::master::foreign_run_test

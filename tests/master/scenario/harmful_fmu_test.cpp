@@ -1,5 +1,5 @@
 // The program with FMUs that crash, exit, hang, allocate or write without end: fmu/fmus/harm2.cpp.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 #include <signal.h>
 #include <unistd.h>
@@ -17,7 +17,7 @@
 #include "tests/support/places.h"
 #include "tests/support/run_program.h"
 
-namespace cotwin::master {
+namespace cotwin::master::harmful_fmu_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -354,4 +354,4 @@ TEST_F(HarmfulFmu, GivesTheSameResultsInItsOwnProcess) {
 }
 
 }  // namespace
-}  // namespace cotwin::master
+}  // namespace cotwin::master::harmful_fmu_test

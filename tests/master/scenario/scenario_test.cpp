@@ -1,6 +1,6 @@
 #include "master/scenario/scenario.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-more-matchers.h>
 #include <gtest/gtest.h>
 
 #include <fstream>
@@ -13,10 +13,11 @@
 #include "tests/support/error_of.h"
 #include "tests/support/files.h"
 #include "tests/support/places.h"
+#include "tests/support/public_data.h"
 #include "tests/support/standard_validator.h"
 #include "tests/support/xmllint.h"
 
-namespace cotwin::master {
+namespace cotwin::master::scenario_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -232,8 +233,8 @@ TEST(Scenarios, OfThisRepositoryFollowTheStandard) {
 }
 
 TEST(ForeignSystemStructure, OfThisTestIsValidSsp) {
-  const fs::path schemas = fs::path(places::shared()) / "data/schemas/ssp1";
-  if (!fs::exists(schemas)) GTEST_SKIP() << "no schemas";
+  const fs::path schemas = fs::path(places::public_data("schemas/ssp1"));
+  if (!fs::exists(schemas)) GTEST_SKIP() << "needs schemas (scripts/fetch_logs.py --tests)";
   const std::map<std::string, std::string> schema_of = {{".ssd", "SystemStructureDescription.xsd"},
                                                         {".ssv", "SystemStructureParameterValues.xsd"},
                                                         {".ssm", "SystemStructureParameterMapping.xsd"},
@@ -278,8 +279,8 @@ TEST(Documentation, ShowsAScenarioThatIsReadAndValid) {
   EXPECT_THAT(s.warnings, IsEmpty());
 
   EXPECT_THAT(cotwin::testing::schema_faults(page.substr(begin, end - begin), cotwin::testing::Standard::kSsd), IsEmpty());
-  const fs::path schema = fs::path(places::shared()) / "data/schemas/ssp1/SystemStructureDescription.xsd";
-  if (!fs::exists(schema)) GTEST_SKIP() << "no schema";
+  const fs::path schema = fs::path(places::public_data("schemas/ssp1/SystemStructureDescription.xsd"));
+  if (!fs::exists(schema)) GTEST_SKIP() << "needs schemas (scripts/fetch_logs.py --tests)";
   EXPECT_EQ(cotwin::testing::schema_errors(schema, file), "");
 }
 
@@ -942,4 +943,4 @@ TEST(SystemStructure, TheTimeToReadItGrowsWithItsSizeAndNotWithItsSquare) {
 }
 
 }  // namespace
-}  // namespace cotwin::master
+}  // namespace cotwin::master::scenario_test

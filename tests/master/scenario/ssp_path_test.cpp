@@ -11,7 +11,7 @@
 
 #include "models/foundation/support/error.h"
 
-namespace cotwin::master::ssp {
+namespace cotwin::master::ssp::ssp_path_test {
 namespace {
 
 struct Hop {
@@ -127,4 +127,4 @@ TEST(Path, WithoutTransformationsIsExact) {
 }
 
 }  // namespace
-}  // namespace cotwin::master::ssp
+}  // namespace cotwin::master::ssp::ssp_path_test

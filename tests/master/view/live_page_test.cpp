@@ -1,5 +1,5 @@
 // `cotwin run --view`: the run is the same with and without it, the page has what the run has, and works in Chromium.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
@@ -21,7 +21,7 @@
 #include "tests/support/places.h"
 #include "tests/support/run_program.h"
 
-namespace cotwin::master {
+namespace cotwin::master::live_page_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -258,4 +258,4 @@ TEST_F(LivePage, ShowsAndChangesTheRunInABrowser) {
 #endif
 
 }  // namespace
-}  // namespace cotwin::master
+}  // namespace cotwin::master::live_page_test

@@ -1,5 +1,5 @@
 // The pages of `cotwin view` in Chromium: what they show is compared with forward kinematics and with the recording.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
@@ -15,7 +15,7 @@
 #include "tests/support/places.h"
 #include "tests/support/run_program.h"
 
-namespace cotwin::master {
+namespace cotwin::master::page_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -291,4 +291,4 @@ TEST_F(Page, OfResultsThatAreNoneIsAnErrorWithThePlace) {
 }
 
 }  // namespace
-}  // namespace cotwin::master
+}  // namespace cotwin::master::page_test

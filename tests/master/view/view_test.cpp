@@ -1,5 +1,5 @@
 // The C++ side of `cotwin view`: packing of numbers, recordings as they are left behind, what is on the stage.
-#include <gmock/gmock.h>
+#include <gmock/gmock-more-matchers.h>
 #include <gtest/gtest.h>
 #include <zlib.h>
 
@@ -23,8 +23,7 @@
 #include "tests/support/files.h"
 #include "tests/support/places.h"
 
-namespace cotwin::master {
-
+namespace cotwin::master::view_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -352,4 +351,4 @@ TEST(TipMatrices, AreMadeForRowsSpreadOverTheRecordingWithItsEnds) {
 }
 
 }  // namespace
-}  // namespace cotwin::master
+}  // namespace cotwin::master::view_test

@@ -1,5 +1,5 @@
 // cotwin tune with realistic logs: lost rows, jitter of time stamps, joints that stand still; and results that are not usable.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -12,7 +12,7 @@
 #include "tests/support/public_data.h"
 #include "tests/support/run_program.h"
 
-namespace cotwin::master::tuning {
+namespace cotwin::master::tuning::tune_logs_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -190,4 +190,4 @@ TEST(TuneAlarm, TheFeasibleRobotIsWrittenIfTheSwarmIsFarFromIt) {
 }
 
 }  // namespace
-}  // namespace cotwin::master::tuning
+}  // namespace cotwin::master::tuning::tune_logs_test

@@ -1,5 +1,5 @@
 // cotwin tune on a known robot: its results, its files, and that only the settings determine them.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 #include <signal.h>
 
@@ -16,7 +16,7 @@
 #include "tests/support/places.h"
 #include "tests/support/run_program.h"
 
-namespace cotwin::master::tuning {
+namespace cotwin::master::tuning::tune_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -602,4 +602,4 @@ TEST(ExciteProgram, WritesAMotionThatBeginsAndEndsAtRestAndPrintsConditionAndMar
 }
 
 }  // namespace
-}  // namespace cotwin::master::tuning
+}  // namespace cotwin::master::tuning::tune_test

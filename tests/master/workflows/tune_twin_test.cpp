@@ -8,7 +8,7 @@
 #include "tests/support/places.h"
 #include "tests/support/public_data.h"
 
-namespace cotwin::master::tuning {
+namespace cotwin::master::tuning::tune_twin_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -156,4 +156,4 @@ TEST(TunedTwin, HasTheReportedErrorsOfRealRobots) {
 }
 
 }  // namespace
-}  // namespace cotwin::master::tuning
+}  // namespace cotwin::master::tuning::tune_twin_test

@@ -15,7 +15,7 @@
 #include "tests/support/places.h"
 #include "tests/support/run_program.h"
 
-namespace cotwin::master::tuning {
+namespace cotwin::master::tuning::tune_units_test {
 namespace {
 
 using cotwin::testing::TunedRobot;
@@ -156,4 +156,4 @@ TEST(TuneUnits, ATwinWithATunerContinuesToTheSameBitsAfterRestoring) {
 }
 
 }  // namespace
-}  // namespace cotwin::master::tuning
+}  // namespace cotwin::master::tuning::tune_units_test

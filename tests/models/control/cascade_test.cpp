@@ -13,7 +13,7 @@
 #include "tests/models/control/robots.h"
 #include "tests/support/allocations.h"
 
-namespace cotwin::control {
+namespace cotwin::control::cascade_test {
 namespace {
 
 using namespace testing;
@@ -271,4 +271,4 @@ TEST(Cascade, AllocatesNothingAlsoWhereItIsDamped) {
 }
 
 }  // namespace
-}  // namespace cotwin::control
+}  // namespace cotwin::control::cascade_test

@@ -11,7 +11,7 @@
 #include "tests/models/control/robots.h"
 #include "tests/support/allocations.h"
 
-namespace cotwin::control {
+namespace cotwin::control::goals_test {
 namespace {
 
 using namespace testing;
@@ -150,4 +150,4 @@ TEST(Goals, ManipulabilityStaysFiniteAtSingularPositionsAndAllocatesNothing) {
 }
 
 }  // namespace
-}  // namespace cotwin::control
+}  // namespace cotwin::control::goals_test

@@ -11,7 +11,7 @@
 
 #include "models/foundation/support/error.h"
 
-namespace cotwin::guidance {
+namespace cotwin::guidance::guidance_test {
 namespace {
 
 using Polynomial = std::vector<double>;  // a_0 + a_1 s + …
@@ -232,4 +232,4 @@ TEST(GuidanceBorder, RefusesValuesThatNoLoopHas) {
 }
 
 }  // namespace
-}  // namespace cotwin::guidance
+}  // namespace cotwin::guidance::guidance_test

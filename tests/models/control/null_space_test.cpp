@@ -13,7 +13,7 @@
 #include "tests/models/control/robots.h"
 #include "tests/support/allocations.h"
 
-namespace cotwin::control {
+namespace cotwin::control::null_space_test {
 namespace {
 
 using namespace testing;
@@ -189,4 +189,4 @@ TEST(NullSpace, AllocatesNothing) {
 }
 
 }  // namespace
-}  // namespace cotwin::control
+}  // namespace cotwin::control::null_space_test

@@ -16,7 +16,7 @@
 #include "tests/support/error_of.h"
 #include "tests/support/places.h"
 
-namespace cotwin::energetics {
+namespace cotwin::energetics::energetics_test {
 namespace {
 
 using cotwin::testing::error_of;
@@ -347,4 +347,4 @@ TEST(MotionEnergy, RefusesWhatItCannotCompute) {
 }
 
 }  // namespace
-}  // namespace cotwin::energetics
+}  // namespace cotwin::energetics::energetics_test

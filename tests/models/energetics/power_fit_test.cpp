@@ -1,7 +1,7 @@
 // The fit of drive losses to a wattmeter's log: logs whose parameters are known, damaged logs, and the log of a UR3e.
 #include "models/energetics/power_fit.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -16,7 +16,7 @@
 #include "tests/support/error_of.h"
 #include "tests/support/places.h"
 
-namespace cotwin::energetics {
+namespace cotwin::energetics::power_fit_test {
 namespace {
 
 using cotwin::testing::error_of;
@@ -369,4 +369,4 @@ TEST(PowerFit, OfTheUr3eReachesTheFloorsInHeldOutMotions) {
 }
 
 }  // namespace
-}  // namespace cotwin::energetics
+}  // namespace cotwin::energetics::power_fit_test

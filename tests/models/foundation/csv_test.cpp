@@ -1,6 +1,6 @@
 #include "models/foundation/formats/csv.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <bit>
@@ -17,7 +17,7 @@
 #include "tests/support/places.h"
 #include "tests/support/public_data.h"
 
-namespace cotwin {
+namespace cotwin::csv_test {
 namespace {
 
 using ::testing::ElementsAre;
@@ -233,4 +233,4 @@ TEST(Csv, MoreColumnsThanAnyTableHasAreRefused) {
 }
 
 }  // namespace
-}  // namespace cotwin
+}  // namespace cotwin::csv_test

@@ -1,6 +1,6 @@
 // Only regular files are read: everything else is refused at once.
 #include <fcntl.h>
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
@@ -18,7 +18,7 @@
 #include "models/scene/mesh.h"
 #include "models/scene/sdf/sdf.h"
 
-namespace cotwin::text {
+namespace cotwin::text::file_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -101,4 +101,4 @@ TEST_F(Files, OpeningAFifoNeverBlocks) {
 }
 
 }  // namespace
-}  // namespace cotwin::text
+}  // namespace cotwin::text::file_test

@@ -1,6 +1,6 @@
 #include "models/foundation/formats/parameter_set.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-more-matchers.h>
 #include <gtest/gtest.h>
 
 #include <bit>
@@ -14,10 +14,11 @@
 #include "models/foundation/support/error.h"
 #include "tests/support/files.h"
 #include "tests/support/places.h"
+#include "tests/support/public_data.h"
 #include "tests/support/standard_validator.h"
 #include "tests/support/xmllint.h"
 
-namespace cotwin {
+namespace cotwin::parameter_set_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -100,8 +101,8 @@ TEST(ParameterSetFile, FollowsTheStandard) {
 }
 
 TEST(ParameterSetFile, ValidatesAgainstTheSchema) {
-  const fs::path schema = fs::path(places::shared()) / "data/schemas/ssp1/SystemStructureParameterValues.xsd";
-  if (!fs::exists(schema)) GTEST_SKIP() << "no schema";
+  const fs::path schema = fs::path(places::public_data("schemas/ssp1/SystemStructureParameterValues.xsd"));
+  if (!fs::exists(schema)) GTEST_SKIP() << "needs schemas (scripts/fetch_logs.py --tests)";
   for (const ParameterSet& set : {demanding_set(), ParameterSet{"empty", {}, {}}}) {
     const cotwin::testing::TemporaryFile file(written(set), "set.ssv");
     EXPECT_EQ(cotwin::testing::schema_errors(schema, file.path()), "");
@@ -313,4 +314,4 @@ TEST(Xml, TheTimeToReadGrowsWithTheTextAndNotWithItsSquare) {
 }
 
 }  // namespace
-}  // namespace cotwin
+}  // namespace cotwin::parameter_set_test

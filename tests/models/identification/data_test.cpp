@@ -1,5 +1,5 @@
 // Preparation of samples, and data of real robots.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <Eigen/Core>
@@ -15,7 +15,7 @@
 #include "tests/support/places.h"
 #include "tests/support/public_data.h"
 
-namespace cotwin::identification {
+namespace cotwin::identification::data_test {
 namespace {
 
 using Eigen::Index;
@@ -199,4 +199,4 @@ TEST(RealRobots, Ur10ErrorIsBelowThatOfIndependentLeastSquares) {
 }
 
 }  // namespace
-}  // namespace cotwin::identification
+}  // namespace cotwin::identification::data_test

@@ -1,7 +1,7 @@
 // Exciting motions: at rest at their ends, within limits, better conditioned than random ones, the same for the same seed.
 #include "models/identification/excitation/design.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -13,7 +13,7 @@
 #include "models/robot/urdf/urdf.h"
 #include "tests/support/places.h"
 
-namespace cotwin::excitation {
+namespace cotwin::excitation::excitation_test {
 namespace {
 
 robot::RobotModel lwr4() { return robot::load_urdf(places::source() + "/models/robots/lwr4/robot.urdf"); }
@@ -142,4 +142,4 @@ TEST(Excitation, TorquesThatTheRobotDoesNotHaveAreAnError) {
 }
 
 }  // namespace
-}  // namespace cotwin::excitation
+}  // namespace cotwin::excitation::excitation_test

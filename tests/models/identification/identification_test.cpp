@@ -1,6 +1,6 @@
 #include "models/identification/identification.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
@@ -14,7 +14,7 @@
 #include "tests/support/allocations.h"
 #include "tests/support/places.h"
 
-namespace cotwin::identification {
+namespace cotwin::identification::identification_test {
 namespace {
 
 using namespace testing;
@@ -703,4 +703,4 @@ TEST(Estimate, BecomesARobotWithItsHistory) {
 }
 
 }  // namespace
-}  // namespace cotwin::identification
+}  // namespace cotwin::identification::identification_test

@@ -8,7 +8,7 @@
 #include "models/foundation/support/error.h"
 #include "tests/models/robot/random_robots.h"
 
-namespace cotwin::identification {
+namespace cotwin::identification::log_cholesky_test {
 namespace {
 
 using Eigen::Matrix4d;
@@ -163,4 +163,4 @@ TEST(Consistent, LeavesPhysicalBodiesAndRepairsOthers) {
 }
 
 }  // namespace
-}  // namespace cotwin::identification
+}  // namespace cotwin::identification::log_cholesky_test

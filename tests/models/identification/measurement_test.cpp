@@ -1,5 +1,5 @@
 // Logs of robots: errors in them, their power spectrum, and smoothing in blocks.
-#include <gmock/gmock.h>
+#include <gmock/gmock-more-matchers.h>
 #include <gtest/gtest.h>
 
 #include "models/foundation/support/error.h"
@@ -11,7 +11,7 @@
 #include "tests/support/places.h"
 #include "tests/support/synthetic_log.h"
 
-namespace cotwin::measurement {
+namespace cotwin::measurement::measurement_test {
 namespace {
 
 using cotwin::testing::error_of;
@@ -322,4 +322,4 @@ TEST(SmoothedLog, NeverMixesSegmentsAndFiles) {
 }
 
 }  // namespace
-}  // namespace cotwin::measurement
+}  // namespace cotwin::measurement::measurement_test

@@ -1,5 +1,5 @@
 // Identification of robots with mimic and passive joints.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
@@ -12,7 +12,7 @@
 #include "tests/support/error_of.h"
 #include "tests/support/places.h"
 
-namespace cotwin::identification {
+namespace cotwin::identification::mimic_test {
 namespace {
 
 using namespace testing;
@@ -133,4 +133,4 @@ TEST(IdentificationPassive, NeedsAMeasuredTorqueSomewhere) {
 }
 
 }  // namespace
-}  // namespace cotwin::identification
+}  // namespace cotwin::identification::mimic_test

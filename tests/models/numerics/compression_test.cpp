@@ -17,7 +17,7 @@
 #include "models/numerics/random.h"
 #include "tests/support/allocations.h"
 
-namespace cotwin::numerics {
+namespace cotwin::numerics::compression_test {
 namespace {
 
 using Eigen::Index;
@@ -273,4 +273,4 @@ TEST(BatchMatrix, MultipliesEightColumnsAtOnce) {
 }
 
 }  // namespace
-}  // namespace cotwin::numerics
+}  // namespace cotwin::numerics::compression_test

@@ -11,7 +11,7 @@
 
 #include "models/numerics/dense.h"
 
-namespace cotwin::numerics {
+namespace cotwin::numerics::modes_test {
 namespace {
 
 using Square = Eigen::Matrix<double, 6, 6>;
@@ -97,4 +97,4 @@ TEST(Modes6, HaveNoValuesWhereAnElementIsNotFinite) {
 }
 
 }  // namespace
-}  // namespace cotwin::numerics
+}  // namespace cotwin::numerics::modes_test

@@ -6,7 +6,7 @@
 #include <set>
 #include <vector>
 
-namespace cotwin::numerics {
+namespace cotwin::numerics::random_test {
 namespace {
 
 using Words = std::array<std::uint32_t, 4>;
@@ -102,4 +102,4 @@ TEST(Random, EveryPartOfTheKeyMatters) {
 }
 
 }  // namespace
-}  // namespace cotwin::numerics
+}  // namespace cotwin::numerics::random_test

@@ -13,7 +13,7 @@
 #include "tests/support/allocations.h"
 #include "tests/support/error_of.h"
 
-namespace cotwin::numerics {
+namespace cotwin::numerics::swarm_test {
 namespace {
 
 using cotwin::testing::error_of;
@@ -331,4 +331,4 @@ TEST(Threads, DoEveryBlockOnceAndPassOnTheFirstFailure) {
 }
 
 }  // namespace
-}  // namespace cotwin::numerics
+}  // namespace cotwin::numerics::swarm_test

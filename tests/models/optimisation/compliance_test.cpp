@@ -8,7 +8,7 @@
 #include "models/foundation/support/error.h"
 #include "models/optimisation/compliance.h"
 
-namespace cotwin::optimisation {
+namespace cotwin::optimisation::compliance_test {
 namespace {
 
 ComplianceProblem table_2() {
@@ -69,4 +69,4 @@ TEST(Compliance, RefusesBoundsOutOfRange) {
 }
 
 }  // namespace
-}  // namespace cotwin::optimisation
+}  // namespace cotwin::optimisation::compliance_test

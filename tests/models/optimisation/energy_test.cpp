@@ -10,7 +10,7 @@
 #include "tests/models/energetics/electrical_data.h"
 #include "tests/support/places.h"
 
-namespace cotwin::optimisation {
+namespace cotwin::optimisation::energy_test {
 namespace {
 
 struct Case {
@@ -131,4 +131,4 @@ TEST(EnergyCost, IsRefusedWithoutElectricalData) {
 }
 
 }  // namespace
-}  // namespace cotwin::optimisation
+}  // namespace cotwin::optimisation::energy_test

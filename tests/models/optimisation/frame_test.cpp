@@ -16,7 +16,7 @@
 #include "tests/support/error_of.h"
 #include "tests/support/places.h"
 
-namespace cotwin::optimisation {
+namespace cotwin::optimisation::frame_test {
 namespace {
 
 using numerics::Deviation;
@@ -309,7 +309,7 @@ TEST(ContactFrame, RefusesWhatIsIncomplete) {
     Problem own = p;
     own.costs = {{quantity, 1, {}}};
     change(own);
-    return testing::error_of([&] { check(own); });
+    return cotwin::testing::error_of([&] { check(own); });
   };
   const auto nothing = [](Problem&) {};
   EXPECT_EQ(refusal(Quantity::kMass, nothing),
@@ -334,4 +334,4 @@ TEST(ContactFrame, RefusesWhatIsIncomplete) {
 }
 
 }  // namespace
-}  // namespace cotwin::optimisation
+}  // namespace cotwin::optimisation::frame_test

@@ -13,7 +13,7 @@
 #include "tests/models/optimisation/time_optimal_path.h"
 #include "tests/support/places.h"
 
-namespace cotwin::optimisation {
+namespace cotwin::optimisation::optimisation_test {
 namespace {
 
 robot::RobotModel robot_named(const std::string& name) {
@@ -339,4 +339,4 @@ TEST(Optimisation, DecidesKinematicBoundsExactly) {
 }
 
 }  // namespace
-}  // namespace cotwin::optimisation
+}  // namespace cotwin::optimisation::optimisation_test

@@ -11,7 +11,7 @@
 #include "models/robot/urdf/urdf.h"
 #include "tests/support/places.h"
 
-namespace cotwin::optimisation {
+namespace cotwin::optimisation::posture_test {
 namespace {
 
 robot::RobotModel robot_named(const std::string& name) {
@@ -226,4 +226,4 @@ TEST(ParticleTable, KeepsEveryParticleOfTheSearch) {
 }
 
 }  // namespace
-}  // namespace cotwin::optimisation
+}  // namespace cotwin::optimisation::posture_test

@@ -1,6 +1,6 @@
 #include "models/robot/changes/attachment.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <random>
@@ -10,7 +10,7 @@
 #include "tests/support/error_of.h"
 #include "tests/support/places.h"
 
-namespace cotwin::robot {
+namespace cotwin::robot::attachment_test {
 namespace {
 
 using cotwin::testing::error_of;
@@ -222,4 +222,4 @@ TEST(Attachment, HistoryRebuildsEveryEarlierRobotToTheLastBit) {
 }
 
 }  // namespace
-}  // namespace cotwin::robot
+}  // namespace cotwin::robot::attachment_test

@@ -12,31 +12,9 @@
 
 #include "models/robot/dynamics.h"
 #include "tests/models/robot/random_robots.h"
+#include "tests/support/allocations.h"
 
-namespace {
-thread_local long allocations = 0;  // by operator new and, without sanitizers, by malloc
-}
-
-__attribute__((noinline)) void* operator new(std::size_t size) {
-  ++allocations;
-  if (void* p = std::malloc(size ? size : 1)) return p;
-  throw std::bad_alloc();
-}
-__attribute__((noinline)) void* operator new[](std::size_t size) { return operator new(size); }
-__attribute__((noinline)) void operator delete(void* p) noexcept { std::free(p); }
-__attribute__((noinline)) void operator delete[](void* p) noexcept { std::free(p); }
-__attribute__((noinline)) void operator delete(void* p, std::size_t) noexcept { std::free(p); }
-__attribute__((noinline)) void operator delete[](void* p, std::size_t) noexcept { std::free(p); }
-
-#if defined(__GLIBC__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
-extern "C" void* __libc_malloc(std::size_t);
-extern "C" void* malloc(std::size_t size) noexcept {
-  ++allocations;
-  return __libc_malloc(size);
-}
-#endif
-
-namespace cotwin::robot {
+namespace cotwin::robot::dynamics_kernels_test {
 namespace {
 
 using namespace testing;
@@ -277,15 +255,15 @@ TEST(Kernels, NothingAllocates) {
       Data data(mechanism);
       Results results(robot.n());
       const FrameOnBody frame = on_body(robot.frames.back());
-      const long before = allocations;
+      const std::uint64_t before = cotwin::testing::allocations();
       results.compute(mechanism, data, frame, q, dq, ddq, states);
       mechanism.update(robot);
-      EXPECT_EQ(allocations, before) << isa;
+      EXPECT_EQ(cotwin::testing::allocations(), before) << isa;
     }
   });
-  const long before = allocations;
+  const std::uint64_t before = cotwin::testing::allocations();
   const Data counted(Mechanism(RobotModel{}));
-  EXPECT_GT(allocations, before);  // check of the counter
+  EXPECT_GT(cotwin::testing::allocations(), before);  // check of the counter
 }
 
 TEST(Kernels, AnUnknownInstructionSetSelectsThatOfTheMachine) {
@@ -322,4 +300,4 @@ TEST(Kernels, TheMixtureOfInstructionSetsTakesEachFunctionFromALevel) {
 }
 
 }  // namespace
-}  // namespace cotwin::robot
+}  // namespace cotwin::robot::dynamics_kernels_test

@@ -11,7 +11,7 @@
 #include "models/robot/urdf/urdf.h"
 #include "tests/support/places.h"
 
-namespace cotwin::robot {
+namespace cotwin::robot::dynamics_lwr4_test {
 namespace {
 
 TEST(Lwr4, MassMatrixAndGravityAreThePublishedOnesToTheFitsError) {
@@ -45,4 +45,4 @@ TEST(Lwr4, MassMatrixAndGravityAreThePublishedOnesToTheFitsError) {
 }
 
 }  // namespace
-}  // namespace cotwin::robot
+}  // namespace cotwin::robot::dynamics_lwr4_test

@@ -11,7 +11,7 @@
 #include "tests/models/robot/maximal_coordinates.h"
 #include "tests/models/robot/random_robots.h"
 
-namespace cotwin::robot {
+namespace cotwin::robot::dynamics_test {
 namespace {
 
 using namespace testing;
@@ -493,4 +493,4 @@ TEST(Dynamics, NearlyParallelAxesAreNoSpecialCase) {
 }
 
 }  // namespace
-}  // namespace cotwin::robot
+}  // namespace cotwin::robot::dynamics_test

@@ -17,7 +17,7 @@
 #include "tests/support/allocations.h"
 #include "tests/support/places.h"
 
-namespace cotwin::robot {
+namespace cotwin::robot::floating_base_test {
 namespace {
 
 using namespace testing;
@@ -380,4 +380,4 @@ TEST(FloatingBase, ABaseWithoutMassCannotFloat) {
 }
 
 }  // namespace
-}  // namespace cotwin::robot
+}  // namespace cotwin::robot::floating_base_test

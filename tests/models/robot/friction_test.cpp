@@ -7,7 +7,7 @@
 #include <numbers>
 #include <random>
 
-namespace cotwin::robot {
+namespace cotwin::robot::friction_test {
 namespace {
 
 // A strain-wave joint of the 10 N.m class: sliding deflection about 1 mrad.
@@ -323,4 +323,4 @@ TEST(Stop, PushesOnly) {
 }
 
 }  // namespace
-}  // namespace cotwin::robot
+}  // namespace cotwin::robot::friction_test

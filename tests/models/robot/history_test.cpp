@@ -1,6 +1,6 @@
 #include "models/robot/changes/history.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <nlohmann/json.hpp>
@@ -14,7 +14,7 @@
 #include "tests/support/error_of.h"
 #include "tests/support/places.h"
 
-namespace cotwin::robot {
+namespace cotwin::robot::history_test {
 namespace {
 
 using cotwin::testing::error_of;
@@ -209,4 +209,4 @@ TEST(History, RefusesDamagedFilesWithOneSentence) {
 }
 
 }  // namespace
-}  // namespace cotwin::robot
+}  // namespace cotwin::robot::history_test

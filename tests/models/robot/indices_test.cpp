@@ -16,7 +16,7 @@
 #include "tests/support/allocations.h"
 #include "tests/support/places.h"
 
-namespace cotwin::robot {
+namespace cotwin::robot::indices_test {
 namespace {
 
 using namespace testing;
@@ -443,4 +443,4 @@ TEST(Indices, AllocatesNothingAfterConstruction) {
 }
 
 }  // namespace
-}  // namespace cotwin::robot
+}  // namespace cotwin::robot::indices_test

@@ -1,6 +1,6 @@
 #include "models/robot/inverse_kinematics.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <Eigen/SVD>
@@ -14,7 +14,7 @@
 #include "tests/support/error_of.h"
 #include "tests/support/places.h"
 
-namespace cotwin::robot {
+namespace cotwin::robot::inverse_kinematics_test {
 namespace {
 
 using cotwin::testing::error_of;
@@ -279,4 +279,4 @@ TEST(FrameKinematics, HasAQuaternionThatIsContinuousInTheJoints) {
 }
 
 }  // namespace
-}  // namespace cotwin::robot
+}  // namespace cotwin::robot::inverse_kinematics_test

@@ -11,7 +11,7 @@
 #include "tests/models/robot/random_robots.h"
 #include "tests/support/allocations.h"
 
-namespace cotwin::robot {
+namespace cotwin::robot::mimic_dynamics_test {
 namespace {
 
 using namespace testing;
@@ -243,4 +243,4 @@ TEST(MimicDynamics, ModelsThatAreNoTreeAreRefused) {
 }
 
 }  // namespace
-}  // namespace cotwin::robot
+}  // namespace cotwin::robot::mimic_dynamics_test

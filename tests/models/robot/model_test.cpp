@@ -1,11 +1,11 @@
 #include "models/robot/robot_model.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include "models/foundation/support/error.h"
 
-namespace cotwin::robot {
+namespace cotwin::robot::model_test {
 namespace {
 
 /// Bodies with the given parents; the frame of each is named like its index, that of the base "base".
@@ -84,4 +84,4 @@ TEST(RobotModel, IsAValueThatCanBeCompared) {
 }
 
 }  // namespace
-}  // namespace cotwin::robot
+}  // namespace cotwin::robot::model_test

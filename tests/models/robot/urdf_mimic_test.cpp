@@ -1,5 +1,5 @@
 // Mimic, locked and passive joints of URDF files.
-#include <gmock/gmock.h>
+#include <gmock/gmock-more-matchers.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -10,7 +10,7 @@
 #include "models/robot/urdf/urdf.h"
 #include "models/robot/urdf/urdf_update.h"
 
-namespace cotwin::robot {
+namespace cotwin::robot::urdf_mimic_test {
 namespace {
 
 using ::testing::ElementsAre;
@@ -235,4 +235,4 @@ TEST(UrdfMimic, XacroIsOneErrorThatTellsHowToExpandIt) {
 }
 
 }  // namespace
-}  // namespace cotwin::robot
+}  // namespace cotwin::robot::urdf_mimic_test

@@ -1,7 +1,7 @@
 #include "models/robot/urdf/urdf.h"
 
 #include <console_bridge/console.h>
-#include <gmock/gmock.h>
+#include <gmock/gmock-more-matchers.h>
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
@@ -18,7 +18,7 @@
 #include "models/robot/changes/attachment.h"
 #include "tests/support/places.h"
 
-namespace cotwin::robot {
+namespace cotwin::robot::urdf_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -186,23 +186,15 @@ TEST(Urdf, TipSelectsTheChainToItAndReportsOmittedLinks) {
 }
 
 TEST(Urdf, MassesAreConservedByMerging) {
-  const fs::path models = fs::path(places::shared()) / "data" / "models";
-  if (!fs::exists(models)) GTEST_SKIP() << models << " is not here";
   // Sums of the <mass> elements; whether the root's side is fixed follows from the robot.
-  const std::vector<std::pair<std::string, int>> robots = {{"drake_dual_iiwa14_polytope_collision", 14},
-                                                           {"iiwa14_lbr_fri", 7},
-                                                           {"iiwa7_lbr_fri", 7},
-                                                           {"kr210_r2700_2_kroshu", 6},
-                                                           {"panda_franka_ros", 7},
-                                                           {"ur10", 6},
-                                                           {"ur5e", 6}};
-  for (const auto& [name, n] : robots) {
+  for (const auto& folder : fs::directory_iterator(fs::path(places::source()) / "models/robots")) {
+    const std::string name = folder.path().filename().string();
     SCOPED_TRACE(name);
-    const fs::path file = models / (name + ".urdf");
+    const fs::path file = folder.path() / "robot.urdf";
     std::vector<std::string> warnings;
     const RobotModel robot = load_urdf(file, {}, &warnings);
     EXPECT_THAT(warnings, IsEmpty());
-    EXPECT_EQ(robot.n(), n);
+    EXPECT_EQ(robot.n(), name == "lwr4" ? 7 : name == "planar2" ? 2 : 6);
     std::ifstream in(file);
     double total = 0;
     const std::string key = "<mass value=\"";
@@ -282,18 +274,31 @@ TEST(Urdf, BodiesOfARandomTreeAreTheSumsOfTheirLinks) {
 }
 
 TEST(Urdf, OfTwoArmsContainsBothAndTheTipSelectsOne) {
-  const fs::path file = fs::path(places::shared()) / "data" / "models" / "drake_dual_iiwa14_polytope_collision.urdf";
-  if (!fs::exists(file)) GTEST_SKIP() << file << " is not here";
-  const RobotModel both = load_urdf(file);
-  EXPECT_EQ(both.joints[7].parent, -1);
-  EXPECT_EQ(both.end_effector().name, "left_iiwa_link_ee");
-  const RobotModel right = load_urdf(file, {Unphysical::kError, "right_iiwa_link_ee"});
-  ASSERT_EQ(right.n(), 7);
-  for (std::size_t i = 0; i < 7; ++i) {
-    EXPECT_EQ(right.joints[i].name, both.joints[i + 7].name);
-    EXPECT_EQ(right.bodies[i], both.bodies[i + 7]);
+  // Two arms of two joints on one stand.
+  const auto arm = [](const std::string& side, const std::string& y) {
+    std::string xml, parent = "stand";
+    for (const char* const name : {"upper", "lower", "hand"}) {
+      const std::string link = side + "_" + name, type = name == std::string("hand") ? "fixed" : "continuous";
+      xml += "<link name='" + link + "'><inertial><origin xyz='0 0 0.1'/><mass value='2'/>" +
+             "<inertia ixx='0.02' iyy='0.02' izz='0.01' ixy='0' ixz='0' iyz='0'/></inertial></link><joint name='to_" + link +
+             "' type='" + type + "'><parent link='" + parent + "'/><child link='" + link + "'/><origin xyz='0 " +
+             (parent == "stand" ? y : "0") + " 0.3'/><axis xyz='0 1 0'/></joint>";
+      parent = link;
+    }
+    return xml;
+  };
+  const std::string xml = "<robot name='two'><link name='stand'/>" + arm("left", "0.4") + arm("right", "-0.4") + "</robot>";
+  const RobotModel both = parsed(xml);
+  ASSERT_EQ(both.n(), 4);
+  EXPECT_EQ(both.joints[2].parent, -1);
+  EXPECT_EQ(both.end_effector().name, "left_hand");
+  const RobotModel right = parsed(xml, {Unphysical::kError, "right_hand"});
+  ASSERT_EQ(right.n(), 2);
+  for (std::size_t i = 0; i < 2; ++i) {
+    EXPECT_EQ(right.joints[i].name, both.joints[i + 2].name);
+    EXPECT_EQ(right.bodies[i], both.bodies[i + 2]);
   }
-  EXPECT_EQ(right.end_effector().name, "right_iiwa_link_ee");
+  EXPECT_EQ(right.end_effector().name, "right_hand");
 }
 
 TEST(Urdf, WrittenAndReadAgainIsTheSameToTheLastBit) {
@@ -567,13 +572,13 @@ TEST(Urdf, ReadsNumbersAlikeInEveryLocale) {
 
 TEST(Urdf, NothingIsPrintedAndTheHostsHandlerIsKept) {
   console_bridge::OutputHandler* const before = console_bridge::getOutputHandler();
-  testing::internal::CaptureStderr();
-  testing::internal::CaptureStdout();
+  ::testing::internal::CaptureStderr();
+  ::testing::internal::CaptureStdout();
   parsed(arm_with(""));
   refusal_of(arm_but("<robot name", "<robot version=\"7.0\" name"));
   warnings_of(arm_but("mass value=\"2\"", "mass value=\"-2\""));
-  EXPECT_EQ(testing::internal::GetCapturedStderr(), "");
-  EXPECT_EQ(testing::internal::GetCapturedStdout(), "");
+  EXPECT_EQ(::testing::internal::GetCapturedStderr(), "");
+  EXPECT_EQ(::testing::internal::GetCapturedStdout(), "");
   EXPECT_EQ(console_bridge::getOutputHandler(), before);
 }
 
@@ -600,4 +605,4 @@ TEST(Urdf, IsReadByManyThreadsAtOnceAndEachGetsItsOwnError) {
 }
 
 }  // namespace
-}  // namespace cotwin::robot
+}  // namespace cotwin::robot::urdf_test

@@ -1,5 +1,5 @@
 // Numbers of URDFs that are not in SI are noticed, and missing inertias are estimated.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
@@ -16,7 +16,7 @@
 #include "tests/support/files.h"
 #include "tests/support/places.h"
 
-namespace cotwin::robot {
+namespace cotwin::robot::urdf_units_test {
 namespace {
 
 using cotwin::testing::TemporaryFolder;
@@ -281,4 +281,4 @@ TEST(EstimatedInertia, ReplacesWhatIsMissingAndTellsIt) {
 }
 
 }  // namespace
-}  // namespace cotwin::robot
+}  // namespace cotwin::robot::urdf_units_test

@@ -1,7 +1,7 @@
 // Writes a robot's values into the URDF from which it was read, and perturbs robots.
 #include "models/robot/urdf/urdf_update.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include "models/foundation/support/error.h"
@@ -10,7 +10,7 @@
 #include "models/robot/urdf/urdf.h"
 #include "tests/support/places.h"
 
-namespace cotwin::robot {
+namespace cotwin::robot::urdf_update_test {
 namespace {
 
 using ::testing::HasSubstr;
@@ -88,4 +88,4 @@ TEST(Perturbed, IsTheSameForTheSameSeedAndTheRobotItselfForABoundOfZero) {
 }
 
 }  // namespace
-}  // namespace cotwin::robot
+}  // namespace cotwin::robot::urdf_update_test

@@ -1,6 +1,6 @@
 #include "models/scene/collada.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-more-matchers.h>
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
@@ -15,7 +15,7 @@
 #include "tests/support/error_of.h"
 #include "tests/support/files.h"
 
-namespace cotwin::scene {
+namespace cotwin::scene::collada_test {
 namespace {
 
 using cotwin::testing::error_of;
@@ -187,4 +187,4 @@ TEST(Collada, BoundsWhatNodesInNodesAskFor) {
 }
 
 }  // namespace
-}  // namespace cotwin::scene
+}  // namespace cotwin::scene::collada_test

@@ -1,7 +1,7 @@
 // <heightmap> of SDF: images, their heights and triangles, and what is refused.
 #include "models/scene/heightmap.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-more-matchers.h>
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
@@ -17,7 +17,7 @@
 #include "tests/support/files.h"
 #include "tests/support/png.h"
 
-namespace cotwin::scene {
+namespace cotwin::scene::heightmap_test {
 namespace {
 
 using cotwin::testing::error_of;
@@ -242,4 +242,4 @@ TEST(Heightmap, ThatCannotBeGroundIsRefusedWithAReason) {
 }
 
 }  // namespace
-}  // namespace cotwin::scene
+}  // namespace cotwin::scene::heightmap_test

@@ -1,6 +1,6 @@
 #include "models/scene/scene.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
@@ -19,7 +19,7 @@
 #include "tests/support/files.h"
 #include "tests/support/places.h"
 
-namespace cotwin::scene {
+namespace cotwin::scene::scene_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -747,4 +747,4 @@ TEST(SolidInertia, OfAnEllipsoidIsThatOfTheBookAndOfABallIfItIsOne) {
 }
 
 }  // namespace
-}  // namespace cotwin::scene
+}  // namespace cotwin::scene::scene_test

@@ -1,5 +1,5 @@
 // The visible pieces of robots: <visual> elements of URDFs.
-#include <gmock/gmock.h>
+#include <gmock/gmock-more-matchers.h>
 #include <gtest/gtest.h>
 
 #include "models/foundation/support/error.h"
@@ -7,7 +7,7 @@
 #include "models/scene/urdf/urdf_visuals.h"
 #include "tests/support/files.h"
 
-namespace cotwin::scene {
+namespace cotwin::scene::urdf_visuals_test {
 namespace {
 
 using cotwin::testing::TemporaryFolder;
@@ -72,4 +72,4 @@ TEST(UrdfVisuals, ThatCannotBeReadAreLeftOutWithAWarning) {
 }
 
 }  // namespace
-}  // namespace cotwin::scene
+}  // namespace cotwin::scene::urdf_visuals_test

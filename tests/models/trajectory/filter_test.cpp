@@ -10,7 +10,7 @@
 
 #include "models/foundation/support/error.h"
 
-namespace cotwin::trajectory {
+namespace cotwin::trajectory::filter_test {
 namespace {
 
 constexpr double kRate = 100;  // Hz
@@ -108,4 +108,4 @@ TEST(ZeroPhaseLowPass, CutoffsBeyondTheNyquistFrequencyAndOtherNonsenseAreErrors
 }
 
 }  // namespace
-}  // namespace cotwin::trajectory
+}  // namespace cotwin::trajectory::filter_test

@@ -1,6 +1,6 @@
 #include "models/trajectory/joint_path.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <Eigen/SVD>
@@ -15,7 +15,7 @@
 #include "tests/support/error_of.h"
 #include "tests/support/places.h"
 
-namespace cotwin::trajectory {
+namespace cotwin::trajectory::joint_path_test {
 namespace {
 
 using cotwin::testing::error_of;
@@ -314,4 +314,4 @@ TEST(JointPath, AllocatesNothingAtARandomTime) {
 }
 
 }  // namespace
-}  // namespace cotwin::trajectory
+}  // namespace cotwin::trajectory::joint_path_test

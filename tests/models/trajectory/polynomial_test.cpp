@@ -10,7 +10,7 @@
 #include "models/foundation/support/error.h"
 #include "models/trajectory/bernstein.h"
 
-namespace cotwin::trajectory {
+namespace cotwin::trajectory::polynomial_test {
 namespace {
 
 using State = std::array<double, 4>;  // q, q̇, q̈, jerk
@@ -200,4 +200,4 @@ TEST(Polynomial, DegreesAndCoefficientsThatDoNotFitAreErrors) {
 }
 
 }  // namespace
-}  // namespace cotwin::trajectory
+}  // namespace cotwin::trajectory::polynomial_test

@@ -1,6 +1,6 @@
 #include "models/trajectory/pose_path.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
@@ -13,7 +13,7 @@
 #include "tests/support/error_of.h"
 #include "tests/support/files.h"
 
-namespace cotwin::trajectory {
+namespace cotwin::trajectory::pose_path_test {
 namespace {
 
 using cotwin::testing::TemporaryFile;
@@ -378,4 +378,4 @@ TEST(PosePath, WaypointsComeFromAFile) {
 }
 
 }  // namespace
-}  // namespace cotwin::trajectory
+}  // namespace cotwin::trajectory::pose_path_test

@@ -1,6 +1,6 @@
 #include "models/trajectory/series/recording.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -15,7 +15,7 @@
 #include "tests/support/places.h"
 #include "tests/support/public_data.h"
 
-namespace cotwin::trajectory {
+namespace cotwin::trajectory::recording_test {
 namespace {
 
 using cotwin::testing::TemporaryFile;
@@ -222,4 +222,4 @@ TEST_F(RealRecording, Kr300LinkAndMotorSidesAreReadByName) {
 }
 
 }  // namespace
-}  // namespace cotwin::trajectory
+}  // namespace cotwin::trajectory::recording_test

@@ -10,7 +10,7 @@
 #include "models/trajectory/series/filter.h"
 #include "models/trajectory/spline.h"
 
-namespace cotwin::trajectory {
+namespace cotwin::trajectory::series_test {
 namespace {
 
 constexpr double kTurn = 2 * std::numbers::pi;
@@ -224,4 +224,4 @@ TEST(Series, ACutPathIsThePathItselfIfTheCutIsCloseToAKnot) {
 }
 
 }  // namespace
-}  // namespace cotwin::trajectory
+}  // namespace cotwin::trajectory::series_test

@@ -11,7 +11,7 @@
 #include "models/trajectory/time_scaling.h"
 #include "models/trajectory/waypoints.h"
 
-namespace cotwin::trajectory {
+namespace cotwin::trajectory::trajectory_test {
 namespace {
 
 using State = std::array<double, 4>;  // q, q̇, q̈, jerk
@@ -215,4 +215,4 @@ TEST(Limits, AViolationNamesJointTimeValueAndLimit) {
 }
 
 }  // namespace
-}  // namespace cotwin::trajectory
+}  // namespace cotwin::trajectory::trajectory_test

@@ -1,7 +1,7 @@
 // Topology, faults of cables, and distributed clocks of the emulated bus.
 #include "components/io/emulators/ethercat/bus.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -15,7 +15,7 @@
 #include "tests/components/io/ethercat/wire.h"
 #include "tests/support/error_of.h"
 
-namespace cotwin::ethercat {
+namespace cotwin::ethercat::bus_test {
 namespace {
 
 using Bytes = std::vector<std::uint8_t>;
@@ -370,4 +370,4 @@ TEST(DistributedClock, Sync0OfAllSlavesComesAtTheSameInstant) {
 }
 
 }  // namespace
-}  // namespace cotwin::ethercat
+}  // namespace cotwin::ethercat::bus_test

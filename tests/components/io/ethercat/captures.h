@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "tests/support/places.h"
+#include "tests/support/public_data.h"
 
 /// Captures of real EtherCAT buses, ../shared/data/captures.
 namespace cotwin::ethercat {
@@ -20,7 +21,7 @@ struct Captured {
   bool returned() const { return (frame[6] & 2) != 0; }
 };
 
-inline std::string captures_folder() { return places::shared() + "/data/captures"; }
+inline std::string captures_folder() { return places::public_data("captures"); }
 
 inline std::vector<std::uint8_t> file_bytes(const std::string& path) {
   std::ifstream in(path, std::ios::binary);

@@ -7,7 +7,7 @@
 
 #include "components/io/ethercat/cia402.h"
 
-namespace cotwin::cia402 {
+namespace cotwin::cia402::cia402_test {
 namespace {
 
 using S = State;
@@ -265,4 +265,4 @@ TEST(Cia402Homing, FailsWithTheErrorOfTheDriveAndWhenItLeavesTheMode) {
 }
 
 }  // namespace
-}  // namespace cotwin::cia402
+}  // namespace cotwin::cia402::cia402_test

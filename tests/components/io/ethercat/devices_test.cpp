@@ -1,6 +1,6 @@
 #include "components/io/emulators/ethercat/devices.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <memory>
@@ -8,7 +8,7 @@
 
 #include "tests/components/io/ethercat/wire.h"
 
-namespace cotwin::ethercat {
+namespace cotwin::ethercat::devices_test {
 namespace {
 
 using Bytes = std::vector<std::uint8_t>;
@@ -285,4 +285,4 @@ TEST(Devices, WithSync0TheEncoderIsSampledAtItsPulses) {
 }
 
 }  // namespace
-}  // namespace cotwin::ethercat
+}  // namespace cotwin::ethercat::devices_test

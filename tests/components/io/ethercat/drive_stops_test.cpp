@@ -1,5 +1,5 @@
 // What must not move a drive, and what must stop it: components/io/links/ethercat_drives.h.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -13,7 +13,7 @@
 #include "tests/components/io/ethercat/drive_axes.h"
 #include "tests/support/error_of.h"
 
-namespace cotwin::io {
+namespace cotwin::io::drive_stops_test {
 namespace {
 
 using cotwin::testing::error_of;
@@ -358,4 +358,4 @@ TEST(EtherCatDriveStops, AStartUpValueOfTheModeMustBeThatOfTheRun) {
 }
 
 }  // namespace
-}  // namespace cotwin::io
+}  // namespace cotwin::io::drive_stops_test

@@ -1,5 +1,5 @@
 // Drives with the profile CiA 402 on a bus, from the commands of the twin to the axes of emulated drives: components/io/links/ethercat_drives.h.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -17,7 +17,7 @@
 #include "tests/support/files.h"
 #include "tests/support/places.h"
 
-namespace cotwin::io {
+namespace cotwin::io::drives_test {
 namespace {
 
 using cotwin::testing::error_of;
@@ -434,4 +434,4 @@ TEST(EtherCatDrives, TheSameRunGivesTheSameBits) {
 }
 
 }  // namespace
-}  // namespace cotwin::io
+}  // namespace cotwin::io::drives_test

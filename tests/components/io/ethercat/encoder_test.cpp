@@ -9,7 +9,7 @@
 
 #include "components/io/emulators/ethercat_slaves.h"
 
-namespace cotwin::io {
+namespace cotwin::io::encoder_test {
 namespace {
 
 constexpr double kCycle = 1e-3, kPatience = 0.02;
@@ -169,4 +169,4 @@ TEST(EtherCatEncoder, SaysThatANarrowCounterMayHaveWrapped) {
 }
 
 }  // namespace
-}  // namespace cotwin::io
+}  // namespace cotwin::io::encoder_test

@@ -1,6 +1,6 @@
 #include "components/io/emulators/ethercat/esc.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <memory>
@@ -12,7 +12,7 @@
 #include "tests/components/io/ethercat/wire.h"
 #include "tests/support/allocations.h"
 
-namespace cotwin::ethercat {
+namespace cotwin::ethercat::esc_test {
 namespace {
 
 using Bytes = std::vector<std::uint8_t>;
@@ -396,4 +396,4 @@ TEST(Controller, AFrameAllocatesNothing) {
 }
 
 }  // namespace
-}  // namespace cotwin::ethercat
+}  // namespace cotwin::ethercat::esc_test

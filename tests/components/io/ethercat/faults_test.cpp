@@ -10,7 +10,7 @@
 #include "tests/components/io/ethercat/cell.h"
 #include "tests/components/io/ethercat/faulty_wire.h"
 
-namespace cotwin::ethercat {
+namespace cotwin::ethercat::faults_test {
 namespace {
 
 struct Faults {
@@ -238,4 +238,4 @@ TEST(FaultyBus, TakesNoForeignAnswerForThatOfAnErrand) {
 }
 
 }  // namespace
-}  // namespace cotwin::ethercat
+}  // namespace cotwin::ethercat::faults_test

@@ -1,6 +1,6 @@
 #include "components/io/ethercat/frame.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -13,7 +13,7 @@
 #include "tests/components/io/ethercat/captures.h"
 #include "tests/support/allocations.h"
 
-namespace cotwin::ethercat {
+namespace cotwin::ethercat::frame_test {
 namespace {
 
 using Bytes = std::vector<std::uint8_t>;
@@ -181,4 +181,4 @@ INSTANTIATE_TEST_SUITE_P(Real, Captures,
                                            Capture{"twincat-run-ek1100-el1004.pcapng", 553, 1, 581}));
 
 }  // namespace
-}  // namespace cotwin::ethercat
+}  // namespace cotwin::ethercat::frame_test

@@ -1,5 +1,5 @@
 // unit:io?link=ethercat with an emulated bus behind it, and with one behind a pair of virtual interfaces.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <array>
@@ -25,7 +25,7 @@
 #include "tests/support/files.h"
 #include "tests/support/places.h"
 
-namespace cotwin::io {
+namespace cotwin::io::link_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -493,4 +493,4 @@ TEST(EtherCatLink, OperatesABusAtAnInterface) {
 #endif
 
 }  // namespace
-}  // namespace cotwin::io
+}  // namespace cotwin::io::link_test

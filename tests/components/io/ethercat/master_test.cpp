@@ -17,7 +17,7 @@
 #include "tests/components/io/ethercat/faulty_wire.h"
 #include "tests/support/allocations.h"
 
-namespace cotwin::ethercat {
+namespace cotwin::ethercat::master_test {
 namespace {
 
 TEST(Master, BringsACellToOpAndExchangesItsProcessData) {
@@ -510,4 +510,4 @@ TEST(Topology, GivesTheDelaysThatAnotherMasterWroteToARealBus) {
 }
 
 }  // namespace
-}  // namespace cotwin::ethercat
+}  // namespace cotwin::ethercat::master_test

@@ -3,7 +3,7 @@
 
 #include "tests/components/io/ethercat/cell.h"
 
-namespace cotwin::ethercat {
+namespace cotwin::ethercat::master_time_test {
 namespace {
 
 TEST(Master, KeepsTheTimeOfTheBusWhenTheReferenceClockWasOff) {
@@ -116,4 +116,4 @@ TEST(Master, FollowsAStepOfTheReferenceThatDidNotRestart) {
 }
 
 }  // namespace
-}  // namespace cotwin::ethercat
+}  // namespace cotwin::ethercat::master_time_test

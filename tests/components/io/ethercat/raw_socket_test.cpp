@@ -1,6 +1,6 @@
 #include "models/foundation/net/raw_socket.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 #include <poll.h>
 #include <time.h>
@@ -14,7 +14,7 @@
 #include "tests/support/allocations.h"
 #include "tests/support/error_of.h"
 
-namespace cotwin::net {
+namespace cotwin::net::raw_socket_test {
 namespace {
 
 using ::testing::HasSubstr;
@@ -75,4 +75,4 @@ TEST(RawSocket, MovesItsDescriptor) {
 }
 
 }  // namespace
-}  // namespace cotwin::net
+}  // namespace cotwin::net::raw_socket_test

@@ -1,5 +1,5 @@
 // The master while slaves are lost, stuck, replaced and switched off again, and at the end of operation.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <array>
@@ -9,7 +9,7 @@
 #include "tests/components/io/ethercat/cell.h"
 #include "tests/components/io/ethercat/faulty_wire.h"
 
-namespace cotwin::ethercat {
+namespace cotwin::ethercat::recovery_test {
 namespace {
 
 using ::testing::HasSubstr;
@@ -333,4 +333,4 @@ TEST(Stop, EndsInTimeOnASilentBusAndDuringARecovery) {
 }
 
 }  // namespace
-}  // namespace cotwin::ethercat
+}  // namespace cotwin::ethercat::recovery_test

@@ -13,7 +13,7 @@
 #include "components/io/ethercat/registers.h"
 #include "tests/components/io/ethercat/captures.h"
 
-namespace cotwin::ethercat {
+namespace cotwin::ethercat::replay_test {
 namespace {
 
 using Bytes = std::vector<std::uint8_t>;
@@ -98,4 +98,4 @@ TEST(Replay, AnotherMasterFindsTheSameBus) {
 }
 
 }  // namespace
-}  // namespace cotwin::ethercat
+}  // namespace cotwin::ethercat::replay_test

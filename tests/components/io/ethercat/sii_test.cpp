@@ -1,6 +1,6 @@
 #include "components/io/ethercat/sii.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <filesystem>
@@ -10,7 +10,7 @@
 #include "models/foundation/support/error.h"
 #include "tests/components/io/ethercat/captures.h"
 
-namespace cotwin::ethercat {
+namespace cotwin::ethercat::sii_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -153,4 +153,4 @@ TEST(Sii, TheRealCouplerAndItsTerminalAreWhatTheyAreKnownAs) {
 }
 
 }  // namespace
-}  // namespace cotwin::ethercat
+}  // namespace cotwin::ethercat::sii_test

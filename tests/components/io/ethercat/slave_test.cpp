@@ -1,7 +1,7 @@
 // State machine, mailbox and CoE of emulated slaves.
 #include "components/io/emulators/ethercat/slave.h"
 
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <filesystem>
@@ -14,7 +14,7 @@
 #include "tests/components/io/ethercat/captures.h"
 #include "tests/components/io/ethercat/wire.h"
 
-namespace cotwin::ethercat {
+namespace cotwin::ethercat::slave_test {
 namespace {
 
 using Bytes = std::vector<std::uint8_t>;
@@ -492,4 +492,4 @@ TEST(Slave, EveryRealImageMakesASlaveThatReachesOp) {
 }
 
 }  // namespace
-}  // namespace cotwin::ethercat
+}  // namespace cotwin::ethercat::slave_test

@@ -1,5 +1,5 @@
 // Start-up values: their file, and their way over CoE to a slave, in one mail or in segments: components/io/ethercat/master/start_up.h.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <memory>
@@ -10,7 +10,7 @@
 #include "tests/components/io/ethercat/cell.h"
 #include "tests/support/error_of.h"
 
-namespace cotwin::ethercat {
+namespace cotwin::ethercat::start_up_test {
 namespace {
 
 using cotwin::testing::error_of;
@@ -165,4 +165,4 @@ TEST(StartUpValues, NameTheirLineIfTheSlaveRefusesThem) {
 }
 
 }  // namespace
-}  // namespace cotwin::ethercat
+}  // namespace cotwin::ethercat::start_up_test

@@ -1,6 +1,6 @@
 // Codecs of FRI against bytes of real clients and controllers (KUKA's SDKs, captured on loopback), against a second description of
 // the layouts, and with damaged datagrams.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -16,7 +16,7 @@
 #include "tests/support/allocations.h"
 #include "tests/support/error_of.h"
 
-namespace cotwin {
+namespace cotwin::codec_test {
 namespace {
 
 using namespace fri;
@@ -505,4 +505,4 @@ static_assert(kProtocols.front() == Protocol::kLwr);
 INSTANTIATE_TEST_SUITE_P(AllButLwr, SunriseCodec, ::testing::ValuesIn(std::span(kProtocols).subspan(1)), name_of);
 
 }  // namespace
-}  // namespace cotwin
+}  // namespace cotwin::codec_test

@@ -1,5 +1,5 @@
 // The emulated controller as a unit, with a client of bytes at a socket: components/io/emulators/fri_controller_link.h.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
@@ -21,7 +21,7 @@
 #include "tests/support/error_of.h"
 #include "tests/support/places.h"
 
-namespace cotwin::io {
+namespace cotwin::io::controller_link_test {
 namespace {
 
 using fri::Protocol;
@@ -819,4 +819,4 @@ TEST(FriControllerLink, AllocatesNothingWithPosesOddDatagramsAndWarnings) {
 }
 
 }  // namespace
-}  // namespace cotwin::io
+}  // namespace cotwin::io::controller_link_test

@@ -12,7 +12,7 @@
 #include "components/io/fri/client.h"
 #include "tests/support/lossy_line.h"
 
-namespace cotwin::fri {
+namespace cotwin::fri::line_test {
 namespace {
 
 constexpr std::int64_t kMillisecond = 1'000'000;  // ns
@@ -176,4 +176,4 @@ INSTANTIATE_TEST_SUITE_P(Protocols, LossyFri, ::testing::ValuesIn(kProtocols), [
 });
 
 }  // namespace
-}  // namespace cotwin::fri
+}  // namespace cotwin::fri::line_test

@@ -1,6 +1,6 @@
 // Both sides of FRI as units, in one process over UDP on 127.0.0.x: components/io/links/fri_link.h, fri_controller_link.h. Time is the
 // scenario's: each step waits for the datagram of the other side, so that results do not depend on the speed of the machine.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -21,7 +21,7 @@
 #include "tests/support/lossy_line.h"
 #include "tests/support/places.h"
 
-namespace cotwin::io {
+namespace cotwin::io::link_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -484,4 +484,4 @@ INSTANTIATE_TEST_SUITE_P(Protocols, FriLink,
                          });
 
 }  // namespace
-}  // namespace cotwin::io
+}  // namespace cotwin::io::link_test

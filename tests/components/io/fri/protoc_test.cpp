@@ -11,7 +11,7 @@
 #include "tests/support/files.h"
 #include "tests/support/run_program.h"
 
-namespace cotwin {
+namespace cotwin::protoc_test {
 namespace {
 
 using namespace fri;
@@ -286,4 +286,4 @@ INSTANTIATE_TEST_SUITE_P(Versions, FriProtobuf,
                          });
 
 }  // namespace
-}  // namespace cotwin
+}  // namespace cotwin::protoc_test

@@ -1,6 +1,6 @@
 // After a loss, a restart or a jump the twin's side of FRI commands nothing until `acknowledge` rises: components/io/links/fri_link.h,
 // components/io/link/acknowledgement.h.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -13,7 +13,7 @@
 #include "tests/components/io/fri/rig.h"
 #include "tests/support/error_of.h"
 
-namespace cotwin::io {
+namespace cotwin::io::restart_test {
 namespace {
 
 TEST(JumpDetector, FindsJumpsButNoMotions) {
@@ -207,4 +207,4 @@ TEST(FriRestart, AMonitorAwaitsNothing) {
 }
 
 }  // namespace
-}  // namespace cotwin::io
+}  // namespace cotwin::io::restart_test

@@ -1,6 +1,6 @@
 // The twin's side of FRI when the robot's side, the network or the twin fail: components/io/links/fri_link.h against a controller whose
 // messages are made here, so that they can have any contents.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 #include <sys/socket.h>
 
@@ -18,7 +18,7 @@
 #include "tests/components/io/fri/rig.h"
 #include "tests/support/error_of.h"
 
-namespace cotwin::io {
+namespace cotwin::io::safety_test {
 namespace {
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN(), kInfinity = std::numeric_limits<double>::infinity();
@@ -543,4 +543,4 @@ TEST(FriSunriseSafety, HoldsWhenTheRobotDoesNotAskForTheQuantityOfTheMode) {
 }
 
 }  // namespace
-}  // namespace cotwin::io
+}  // namespace cotwin::io::safety_test

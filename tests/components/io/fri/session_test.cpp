@@ -1,5 +1,5 @@
 // Both sides of FRI against each other in simulated time, through a network that loses, delays, doubles and reorders datagrams.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <array>
@@ -12,7 +12,7 @@
 #include "tests/support/allocations.h"
 #include "tests/support/error_of.h"
 
-namespace cotwin {
+namespace cotwin::session_test {
 namespace {
 
 using namespace fri;
@@ -800,4 +800,4 @@ TEST(FriSunriseSession, CommandsPoses) {
 }
 
 }  // namespace
-}  // namespace cotwin
+}  // namespace cotwin::session_test

@@ -13,7 +13,7 @@
 #include "components/io/emulators/kuka/rating.h"
 #include "components/io/fri/statistics.h"
 
-namespace cotwin::fri {
+namespace cotwin::fri::statistics_test {
 namespace {
 
 using Arrival = SequenceTracker::Arrival;
@@ -335,4 +335,4 @@ TEST(FriPoseInterpolator, KeepsTheSpeedLimits) {
 }
 
 }  // namespace
-}  // namespace cotwin::fri
+}  // namespace cotwin::fri::statistics_test

@@ -11,7 +11,7 @@
 #include "components/io/rtde/rtde.h"
 #include "tests/components/io/rtde/bytes.h"
 
-namespace cotwin::rtde {
+namespace cotwin::rtde::codec_test {
 namespace {
 
 TEST(RtdeTypes, HaveTheSizesOfTheDocumentation) {
@@ -188,4 +188,4 @@ TEST(RtdeStream, APackageWithoutRoomIsLostWhole) {
 }
 
 }  // namespace
-}  // namespace cotwin::rtde
+}  // namespace cotwin::rtde::codec_test

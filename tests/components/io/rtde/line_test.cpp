@@ -1,6 +1,6 @@
 // A twin beside a controller of which the test writes every quantity: components/io/links/rtde_link.h, rtde_line.h. What goes wrong on a robot
 // and its network: programs that run already, numbers that are none, silence, refused connections, steps that are too rare.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -72,7 +72,7 @@ extern "C" int poll(pollfd* files, nfds_t count, int timeout) {
 }
 #endif
 
-namespace cotwin::io {
+namespace cotwin::io::line_test {
 namespace {
 
 using ::testing::AllOf;
@@ -529,4 +529,4 @@ TEST(RtdeLine, PausesAfterARefusalThatComesLater) {
 #endif
 
 }  // namespace
-}  // namespace cotwin::io
+}  // namespace cotwin::io::line_test

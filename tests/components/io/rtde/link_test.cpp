@@ -1,6 +1,6 @@
 // Both sides of RTDE as units, in one process over TCP on 127.0.0.1: components/io/links/rtde_link.h, rtde_controller_link.h. Time is the
 // scenario's: the twin's step waits for the robot's data, so that results do not depend on the speed of the machine.
-#include <gmock/gmock.h>
+#include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
 #include <Eigen/Core>
@@ -19,7 +19,7 @@
 #include "tests/support/allocations.h"
 #include "tests/support/error_of.h"
 
-namespace cotwin::io {
+namespace cotwin::io::link_test {
 namespace {
 
 /// A controller with a robot that follows its set points at once, and a twin.
@@ -411,4 +411,4 @@ TEST(RtdeLink, DoesNotGiveTorquesOfAnotherRobot) {
 }
 
 }  // namespace
-}  // namespace cotwin::io
+}  // namespace cotwin::io::link_test

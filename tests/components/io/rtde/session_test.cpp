@@ -15,7 +15,7 @@
 #include "tests/support/allocations.h"
 #include "tests/support/error_of.h"
 
-namespace cotwin::rtde {
+namespace cotwin::rtde::session_test {
 namespace {
 
 using Bytes = std::vector<std::uint8_t>;
@@ -562,4 +562,4 @@ TEST(RtdeFollower, RestsWithoutProgramAndWithoutRequest) {
 }
 
 }  // namespace
-}  // namespace cotwin::rtde
+}  // namespace cotwin::rtde::session_test

@@ -12,7 +12,7 @@
 #include "tests/support/allocations.h"
 #include "tests/support/error_of.h"
 
-namespace cotwin::net {
+namespace cotwin::net::tcp_socket_test {
 namespace {
 
 const Endpoint kAny{0x7f000001, 0};
@@ -93,4 +93,4 @@ TEST(TcpSocket, IsClosedWhereNobodyListens) {
 }
 
 }  // namespace
-}  // namespace cotwin::net
+}  // namespace cotwin::net::tcp_socket_test

@@ -11,7 +11,7 @@
 #include "tests/support/allocations.h"
 #include "tests/support/error_of.h"
 
-namespace cotwin::net {
+namespace cotwin::net::udp_socket_test {
 namespace {
 
 constexpr std::uint32_t kLoopback = 0x7f000001;
@@ -117,4 +117,4 @@ TEST(UdpSocket, GoesOnAfterSendingToAClosedPort) {
 }
 
 }  // namespace
-}  // namespace cotwin::net
+}  // namespace cotwin::net::udp_socket_test

@@ -13,7 +13,7 @@
 #include "models/robot/urdf/urdf.h"
 #include "tests/support/places.h"
 
-namespace cotwin {
+namespace cotwin::ur_robots_test {
 namespace {
 
 struct Published {
@@ -104,4 +104,4 @@ INSTANTIATE_TEST_SUITE_P(
     [](const auto& robot) { return std::string(robot.param.name); });
 
 }  // namespace
-}  // namespace cotwin
+}  // namespace cotwin::ur_robots_test
