@@ -140,7 +140,7 @@ class Captures : public ::testing::TestWithParam<Capture> {};
 
 TEST_P(Captures, DecodesCompletelyAndIsWrittenAgainByteByByte) {
   const std::string path = captures_folder() + "/" + GetParam().file;
-  if (!std::filesystem::exists(path)) GTEST_SKIP() << "needs ../shared/data/captures";
+  if (!std::filesystem::exists(path)) GTEST_SKIP() << "needs scripts/fetch_logs.py --tests";
   int frames = 0, others = 0, datagrams = 0;
   Bytes buffer(kLongestFrame);
   for (const Captured& packet : read_pcapng(path)) {

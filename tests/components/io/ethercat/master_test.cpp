@@ -469,7 +469,7 @@ TEST(Topology, IsTheTreeOfTheBusAndItsDelays) {
 
 TEST(Topology, GivesTheDelaysThatAnotherMasterWroteToARealBus) {
   const std::string file = captures_folder() + "/replay-dc.pcapng";
-  if (file_bytes(file).empty()) GTEST_SKIP() << "needs ../shared/data/captures";
+  if (file_bytes(file).empty()) GTEST_SKIP() << "needs scripts/fetch_logs.py --tests";
   struct Seen {
     SlavePorts ports;
     std::uint32_t delay = 0;

@@ -77,7 +77,7 @@ bool known(const Datagram& d) {
 
 TEST(Replay, ATerminalStackAnswersAsTheRealOne) {
   for (const char* const file : {"replay-ek1100-el2828-el2889.pcapng", "replay-dc.pcapng"}) {
-    if (!std::filesystem::exists(captures_folder() + "/" + file)) GTEST_SKIP() << "needs ../shared/data/captures";
+    if (!std::filesystem::exists(captures_folder() + "/" + file)) GTEST_SKIP() << "needs scripts/fetch_logs.py --tests";
     Bus bus;
     append(bus, "ek1100.hex", options(3, ClockUnit::kFull, 0x00fc, 0x3b));
     append(bus, "el2828.hex", options(8, ClockUnit::kReceiveTimes, 0x01fc, 0x0a));
@@ -89,7 +89,7 @@ TEST(Replay, ATerminalStackAnswersAsTheRealOne) {
 
 TEST(Replay, AnotherMasterFindsTheSameBus) {
   const char* const file = "soem-sdinfo-ek1100-el1004.pcapng";
-  if (!std::filesystem::exists(captures_folder() + "/" + file)) GTEST_SKIP() << "needs ../shared/data/captures";
+  if (!std::filesystem::exists(captures_folder() + "/" + file)) GTEST_SKIP() << "needs scripts/fetch_logs.py --tests";
   Bus bus;
   append(bus, "ek1100.hex", options(3, ClockUnit::kFull, 0x00fc, 0x3b));
   // EL1004: no dump of it is there; its registers are like those of other digital terminals.

@@ -108,7 +108,7 @@ TEST(Sii, ACategoryPastTheEndIsNamed) {
 
 TEST(Sii, RealImagesParseWithTheirChecksumAndAreWrittenAgain) {
   const fs::path folder = captures_folder() + "/sii_dumps";
-  if (!fs::exists(folder)) GTEST_SKIP() << "needs ../shared/data/captures/sii_dumps";
+  if (!fs::exists(folder)) GTEST_SKIP() << "needs scripts/fetch_logs.py --tests";
   int images = 0;
   for (const auto& file : fs::directory_iterator(folder)) {
     const std::string name = file.path().filename().string();
@@ -132,7 +132,7 @@ TEST(Sii, RealImagesParseWithTheirChecksumAndAreWrittenAgain) {
 
 TEST(Sii, TheRealCouplerAndItsTerminalAreWhatTheyAreKnownAs) {
   const std::string folder = captures_folder() + "/sii_dumps/";
-  if (!fs::exists(folder)) GTEST_SKIP() << "needs ../shared/data/captures/sii_dumps";
+  if (!fs::exists(folder)) GTEST_SKIP() << "needs scripts/fetch_logs.py --tests";
   const Sii coupler = read_sii(file_bytes(folder + "ek1100.hex"), "ek1100");
   EXPECT_EQ(coupler.vendor, 2u);
   EXPECT_EQ(coupler.product, 0x044c2c52u);

@@ -450,7 +450,7 @@ TEST(Coe, TheStateOfTheMailboxCanBeMappedIntoTheProcessData) {
 
 TEST(Slave, EveryRealImageMakesASlaveThatReachesOp) {
   const std::string folder = captures_folder() + "/sii_dumps";
-  if (!std::filesystem::exists(folder)) GTEST_SKIP() << "needs ../shared/data/captures/sii_dumps";
+  if (!std::filesystem::exists(folder)) GTEST_SKIP() << "needs scripts/fetch_logs.py --tests";
   for (const char* const name : {"akd.hex", "ek1100.hex", "el2004-eeprom-dump.bin", "el2262.bin", "el2828.hex", "el2889.hex",
                                  "hbm_clipx_eeprom_dump.bin"}) {
     Bus bus;
