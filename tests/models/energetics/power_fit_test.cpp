@@ -15,6 +15,7 @@
 #include "models/robot/urdf/urdf.h"
 #include "tests/support/error_of.h"
 #include "tests/support/places.h"
+#include "tests/support/public_data.h"
 
 namespace cotwin::energetics::power_fit_test {
 namespace {
@@ -333,8 +334,9 @@ TEST(PowerLog, RefusesWhatItCannotUse) {
 // The floors that plain least squares gives, by ../shared/data/energy/fit_floor.py with the motion that the end of the log cuts off
 // (../shared/facts/energy.md, section 1, leaves it out).
 TEST(PowerFit, OfTheUr3eReachesTheFloorsInHeldOutMotions) {
-  const std::filesystem::path file = std::filesystem::path(places::source()) / "../shared/data/energy/ur3e_rad_25hz.csv";
-  if (!std::filesystem::exists(file)) GTEST_SKIP() << "needs ../shared/data/energy";
+  const std::filesystem::path file = places::public_data("energy/ur3e_rad_25hz.csv");
+  if (!std::filesystem::exists(file))
+    GTEST_SKIP() << "needs energy/ur3e_rad_25hz.csv, a log of ubc-systopia/dsn-2022-rad-artifact";
   const PowerLog log = read_power_log(file);
   EXPECT_EQ(log.joints(), 6u);
   struct Row {

@@ -9,7 +9,7 @@
 #include "tests/support/places.h"
 #include "tests/support/public_data.h"
 
-/// Captures of real EtherCAT buses, ../shared/data/captures.
+/// Captures of real EtherCAT buses (places::public_data).
 namespace cotwin::ethercat {
 
 struct Captured {
