@@ -328,15 +328,15 @@ std::vector<LoggedMotion> motions_of(const PowerLog& log, double least) {
   std::vector<LoggedMotion> found;
   for (std::size_t s = 0; s < log.begins.size(); ++s) {
     const std::size_t first = log.begins[s], last = s + 1 < log.begins.size() ? log.begins[s + 1] : log.t.size();
-    std::optional<std::size_t> start;
+    std::size_t start = last;  // last: at rest
     for (std::size_t k = first; k < last; ++k) {
-      if (log.moving[k] && !start) start = k;
-      if (log.moving[k] || !start) continue;
+      if (log.moving[k] && start == last) start = k;
+      if (log.moving[k] || start == last) continue;
       const double step = log.t[k] - log.t[k - 1];
-      if (log.t[k] - log.t[*start] > least + 0.5 * step) found.push_back({*start > first ? *start - 1 : *start, k});
-      start.reset();
+      if (log.t[k] - log.t[start] > least + 0.5 * step) found.push_back({start > first ? start - 1 : start, k});
+      start = last;
     }
-    if (start && log.t[last - 1] - log.t[*start] > least) found.push_back({*start > first ? *start - 1 : *start, last});
+    if (start != last && log.t[last - 1] - log.t[start] > least) found.push_back({start > first ? start - 1 : start, last});
   }
   return found;
 }
