@@ -130,10 +130,16 @@ def main():
         sys.exit(__doc__)
     folder = pathlib.Path(arguments[0] if arguments else ROOT / "build/public_data")
     if "--tests" in sys.argv:
-        for line in (ROOT / "tests/public_data.txt").read_text().splitlines():
-            if not line.startswith("#"):
-                name, *source = line.split(" ")
-                fetch(folder / urllib.parse.unquote(name), *source)
+        lines = [line.split(" ") for line in (ROOT / "tests/public_data.txt").read_text().splitlines() if not line.startswith("#")]
+        files = {urllib.parse.unquote(name): source for name, *source in lines}
+        missing = [name for name in files if not (folder / name).exists()]
+        for name in missing:   # a set of captures is whole or absent, also if the network breaks off
+            fetch(folder / "fetched/tests" / name, *files[name])
+        for name in missing:
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / "fetched/tests" / name).rename(folder / name)
+        for name, source in files.items():
+            fetch(folder / name, *source)
         if all((folder / name).exists() for name in WRITTEN):
             return
     fetched, models, measurements = (folder / name for name in ("fetched", "models", "measurements"))

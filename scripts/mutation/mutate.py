@@ -3,7 +3,7 @@
 
 mutate.py BUILD [--seed N] [--places N] [--room R]… [--seconds S] [--tree FOLDER]
 
-BUILD is a built test build (scripts/build.sh test …): its options, its compile commands and its list of tests are used. Places are drawn at random,
+BUILD is a built build with tests (build/release): its options, its compile commands and its list of tests are used. Places are drawn at random,
 as many from each room (folder below models, components, fmu and master) as the square root of its lines: comparisons, + and -, * and /, signs and
 numbers. All places are compiled at once, in FOLDER (default: build/mutation); scripts/mutation/switch.h chooses one by an environment variable. Places that do not
 compile with the switch (constant expressions, types without arithmetic) are replaced by others. Then each test runs once and says which places it
@@ -176,7 +176,7 @@ def choose(rooms, share, options):
 
 
 def build_mutants(chosen, build, tree):
-    """Compiles a copy of the sources with all places, with the options of `build`, into TREE/build/test. The places that do not compile."""
+    """Compiles a copy of the sources with all places, with the options of `build`, into TREE/build/release. The places that do not compile."""
     files = subprocess.run(["git", "ls-files", "-co", "--exclude-standard"], cwd=ROOT, text=True, check=True, capture_output=True).stdout.split("\n")
     changed = {}
     for n, place in chosen.items():
@@ -198,12 +198,12 @@ def build_mutants(chosen, build, tree):
     cache = (build / "CMakeCache.txt").read_text()
     options = [f"-D{m}" for m in re.findall(r"^((?:COTWIN_\w+|CMAKE_BUILD_TYPE):(?:BOOL|STRING)=.*)$", cache, re.MULTILINE)
                if not m.startswith("COTWIN_WERROR")]
-    done = subprocess.run([tree / "scripts/build.sh", "test", *options, "-DCOTWIN_BENCHMARKS=OFF"], cwd=tree, text=True,
+    done = subprocess.run([tree / "scripts/build.sh", "release", *options, "-DCOTWIN_BENCHMARKS=OFF"], cwd=tree, text=True,
                           stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
     if done.returncode == 0:
         return {}
     # The place of an error, or the line of ours from which a template of switch.h was instantiated.
-    lines = {(m[0], int(m[1]) - 1) for m in re.findall(rf"{re.escape(str(tree))}/([\w/]+\.cpp):(\d+):\d+: +(?:(?:fatal )?error|required from here)", done.stdout)}
+    lines = {(m[0], int(m[1]) - 1) for m in re.findall(rf"{re.escape(str(tree))}/([\w/]+\.cpp):(\d+):\d+: +(?:(?:fatal )?error|required from here|note: in instantiation)", done.stdout)}
     wrong = {n: place for n, place in chosen.items() if (place[0], place[1]) in lines}
     if not wrong:
         sys.exit(done.stdout[-4000:])
@@ -287,7 +287,7 @@ def main():
     while wrong := build_mutants(chosen, build, tree):
         for n in wrong:
             del chosen[n]
-    mutants = tree / "build/test"
+    mutants = tree / "build/release"
     with tempfile.TemporaryDirectory() as scratch:
         reaching = reach(tests_of(mutants), pathlib.Path(scratch))
     with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:

@@ -373,8 +373,7 @@ TEST(ReadDescription, TheTimeItTakesGrowsWithTheVariablesAndNotWithTheirSquare) 
 
 TEST(ReadDescription, MoreVariablesThanAnyFmuHasAreRefused) {
   std::string variables;
-  for (int i = 0; i < 2'000'001; ++i)
-    variables += "<Int8 name='" + std::to_string(i) + "' valueReference='" + std::to_string(i) + "'/>";
+  for (int i = 0; i < 2'000'001; ++i) variables += "<Int8 name='a' valueReference='1'/>";
   EXPECT_THAT([&] { parse(fmi3(variables)); }, ThrowsMessage<Error>(HasSubstr("more than 2000000 variables")));
 }
 

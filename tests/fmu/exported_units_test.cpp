@@ -241,7 +241,7 @@ TEST_P(ExportedUnits, ShareNothingBetweenInstancesAndThreads) {
   Driver alone(*fmu_);
   const auto expected = run(alone, 30);
   std::vector<std::unique_ptr<Driver>> drivers;
-  for (int i = 0; i < 20; ++i) drivers.push_back(std::make_unique<Driver>(*fmu_));
+  for (int i = 0; i < 8; ++i) drivers.push_back(std::make_unique<Driver>(*fmu_));
   std::vector<std::vector<std::string>> traces(4);
   std::vector<std::thread> threads;
   for (std::size_t k = 0; k < traces.size(); ++k) {
@@ -374,7 +374,7 @@ TEST_P(ExportedUnits, GivesTheDirectionalDerivativesOfTheUnit) {
 TEST_P(ExportedLibraries, RunAsHundredsOfInstancesInSeveralThreads) {
   Driver alone(*fmu_);
   const auto expected = run(alone, 5);
-  constexpr std::size_t kInstances = 300, kThreads = 6;
+  constexpr std::size_t kInstances = 200, kThreads = 6;
   std::vector<std::unique_ptr<Driver>> drivers(kInstances);
   std::vector<std::size_t> wrong(kThreads);
   std::vector<std::thread> threads;

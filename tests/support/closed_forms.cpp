@@ -7,7 +7,6 @@
 
 #include "models/scene/shapes.h"
 #include "tests/support/contact_scenes.h"
-#include "tests/support/foreign_scenes.h"
 #include "tests/support/hard_scenes.h"
 
 namespace cotwin::testing {

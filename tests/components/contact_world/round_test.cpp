@@ -12,6 +12,7 @@
 #include "components/contact_world/engine/world.h"
 #include "models/scene/shapes.h"
 #include "tests/support/contact_scenes.h"
+#include "tests/support/hard_scenes.h"
 
 namespace cotwin::contact_world::round_test {
 namespace {
@@ -143,6 +144,25 @@ TEST(RoundShapes, ACapsuleRollsWithoutLoss) {
   World w = world(scene);
   for (int k = 0; k < 3000; ++k) w.step(1e-3);
   EXPECT_NEAR(w.twists()[1][0], kSpeed, 1e-6);
+}
+
+TEST(RoundShapes, BallsRollOnABoardThatIsPulled) {
+  const double board = cotwin::testing::rolling_board_acceleration(), ball = cotwin::testing::rolling_ball_acceleration();
+  for (const double angle : {0.0, M_PI / 4, 1.3}) {
+    World w = world(cotwin::testing::rolling());
+    const Vector3d along(std::cos(angle), std::sin(angle), 0);
+    Wrench pull = Wrench::Zero();
+    pull.head<3>() = cotwin::testing::kRollingForce * along;
+    constexpr int kSteps = 1000;
+    for (int k = 0; k < kSteps; ++k) {
+      w.apply(1, pull);
+      w.step(1e-3);
+    }
+    EXPECT_LT((w.twists()[1].head<3>() - board * along).norm(), 1e-5) << angle;
+    for (std::size_t b = 2; b < w.twists().size(); ++b) {
+      EXPECT_LT((w.twists()[b].head<3>() - ball * along).norm(), 1e-5) << angle << ", ball " << b - 1;
+    }
+  }
 }
 
 TEST(RoundShapes, ADiscRollsOnItsEdgeAtTheRateOfSteadyMotion) {

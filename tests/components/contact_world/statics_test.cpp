@@ -113,6 +113,40 @@ TEST(Statics, ALadderStandsJustAboveItsCriticalFriction) {
   EXPECT_GT(watch(cotwin::testing::ladder(0.99 * cotwin::testing::critical_ladder_mu())).way, 1e-4);
 }
 
+TEST(Statics, ALadderSlidesAsItsEquationSays) {
+  for (const Method method : {Method::kTree, Method::kPgs, Method::kDantzig}) {
+    const double mu = 0.9 * cotwin::testing::critical_ladder_mu(), exact = cotwin::testing::ladder_path(mu, 0.5);
+    Options options;
+    options.method = method;
+    const scene::Scene scene = cotwin::testing::ladder(mu);
+    World world(scene, options);
+    for (int k = 0; k < 500; ++k) world.step(1e-3);
+    EXPECT_NEAR((world.poses()[2].p - scene.bodies[2].X_WB.p).norm(), exact, 1e-5 * exact);
+  }
+}
+
+TEST(Statics, PainlevesRodNeitherSinksNorGainsEnergy) {
+  for (const Method method : {Method::kTree, Method::kPgs, Method::kDantzig}) {
+    for (const double mu : {1.0, 2.0, 10.0}) {
+      Options options;
+      options.method = method;
+      World world(cotwin::testing::painleve_rod(mu), options);
+      const double start = world.energy();
+      double jammed = 0, lying = 0, gain = 0;  // m, m, J
+      for (int k = 0; k < 1500; ++k) {
+        world.step(1e-3);
+        double& depth = k < 750 ? jammed : lying;
+        for (const ContactPoint& point : world.contacts()) depth = std::max(depth, -point.gap);
+        gain = std::max(gain, world.energy() - start);
+      }
+      EXPECT_LT(jammed, 1e-3) << mu << ": in one step it slides 5 mm";
+      EXPECT_LT(lying, 5e-6) << mu;
+      EXPECT_LT(gain, 1e-9 * start) << mu;
+      EXPECT_LT(world.energy(), start / 2) << mu << ": it lies and has slid";
+    }
+  }
+}
+
 TEST(Statics, ATowerOfFortyCubesStands) {
   for (const int cubes : {35, 40}) EXPECT_LT(watch(cotwin::testing::stack(cubes)).way, 1e-5) << cubes;
 }

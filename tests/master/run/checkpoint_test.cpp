@@ -207,7 +207,7 @@ TEST_F(Saved, StateWithDamageAndACorrectHashIsAnErrorOrARun) {
   const Scenario scenario = rich();
   const RunState good = state_of_abandoned_run(scenario, {}, 300, 0);
   std::mt19937_64 random(5);
-  for (int i = 0; i < 10000; ++i) {
+  for (int i = 0; i < 3000; ++i) {
     RunState bad = good;
     const std::uint64_t edits = 1 + random() % 3;
     for (std::uint64_t e = 0; e < edits; ++e) {
