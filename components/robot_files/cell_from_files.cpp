@@ -82,10 +82,10 @@ scene::Cell Settings::cell() {
     robot::UrdfOptions own = options;
     take_joint_settings("unit:" + unit_, name, text("lock"), text("passive"), own);
     scene::PlacedRobot robot{name, robot::load_urdf(urdf, own, &found), {}};
-    if (choice("robot_shapes") == "none") {
+    if (const std::string shapes = choice("robot_shapes"); shapes == "none") {
       robot.shapes.resize(robot.model.bodies.size() + 1);
     } else {
-      robot.shapes = scene::shapes_of_urdf(urdf, robot.model, &found);
+      robot.shapes = (shapes == "hulls" ? scene::hulls_of_urdf : scene::shapes_of_urdf)(urdf, robot.model, &found);
     }
     add_tools(
         tools, robot, [this](const std::string& tool) { return file(tool); }, found);

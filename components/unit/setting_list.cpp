@@ -105,7 +105,10 @@ void SettingList::cell() {
        "several robots instead, name:robot,name:robot as in left:lwr4,right:panda.urdf; the variables of each begin with its "
        "name and a dot");
   unphysical();
-  choice("robot_shapes", {"all", "none"}, "collision shapes of the robots' links; none: only tools touch something");
+  choice(
+      "robot_shapes", {"all", "hulls", "none"},
+      "collision shapes of the robots' links; all: those of the URDF; hulls: enclosing shapes of hulls.urdf or NAME_hulls.urdf "
+      "beside it, if there is such a file; none: only tools touch something");
   joints_of_robot("; with several robots, robot/joint");
   text("tools", "",
        "collision shapes of tools that come and go, each name|frame|x y z|roll pitch yaw|URDF, separated by semicolons; attach "

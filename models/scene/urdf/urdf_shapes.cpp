@@ -3,7 +3,9 @@
 #include <tinyxml2.h>
 
 #include <algorithm>
+#include <initializer_list>
 #include <optional>
+#include <set>
 #include <sstream>
 
 #include "models/foundation/support/error.h"
@@ -26,7 +28,8 @@ class ShapeReader {
   ShapeReader(const fs::path& file, const robot::RobotModel& robot, std::vector<std::string>* warnings)
       : file_(file), robot_(robot), warnings_(warnings) {}
 
-  std::vector<std::vector<Shape>> read();
+  /// Adds the shapes of the links that are not in `known`, and the names of those with a <collision> to `known`.
+  void read(std::vector<std::vector<Shape>>& shapes, std::set<std::string>& known) const;
 
  private:
   std::string at(const XMLElement& element) const { return place_in_urdf(file_, element); }
@@ -99,7 +102,7 @@ bool ShapeReader::read_geometry(const XMLElement& collision, Shape& shape) const
   return true;
 }
 
-std::vector<std::vector<Shape>> ShapeReader::read() {
+void ShapeReader::read(std::vector<std::vector<Shape>>& shapes, std::set<std::string>& known) const {
   tinyxml2::XMLDocument document;
   const std::string xml = text::read_file(file_, "a URDF", 16'000'000);
   if (document.Parse(xml.data(), xml.size()) != tinyxml2::XML_SUCCESS) {
@@ -107,17 +110,18 @@ std::vector<std::vector<Shape>> ShapeReader::read() {
   }
   const XMLElement* const root = document.RootElement();
   if (root == nullptr) throw Error(file_.string(), "no XML element");
-  std::vector<std::vector<Shape>> shapes(robot_.bodies.size() + 1);
+  const std::set<std::string> before = known;
   for (const XMLElement* link = root->FirstChildElement("link"); link != nullptr; link = link->NextSiblingElement("link")) {
     const char* const name = link->Attribute("name");
     const auto frame = std::find_if(robot_.frames.begin(), robot_.frames.end(),
                                     [&](const robot::Frame& f) { return name != nullptr && f.name == name; });
-    if (frame == robot_.frames.end()) continue;
+    if (frame == robot_.frames.end() || before.contains(frame->name)) continue;
     int count = 0;
     for (const XMLElement* c = link->FirstChildElement("collision"); c != nullptr; c = c->NextSiblingElement("collision")) {
       Shape shape;
       const char* const own = c->Attribute("name");
       ++count;
+      known.insert(frame->name);
       shape.name = own != nullptr ? own : frame->name + (count > 1 ? "_" + std::to_string(count) : std::string());
       const Pose X_LS = urdf_origin(file_, *c);
       if (!read_geometry(*c, shape)) continue;
@@ -125,6 +129,13 @@ std::vector<std::vector<Shape>> ShapeReader::read() {
       shapes[static_cast<std::size_t>(frame->body + 1)].push_back(std::move(shape));
     }
   }
+}
+
+std::vector<std::vector<Shape>> shapes_of(std::initializer_list<fs::path> files, const robot::RobotModel& robot,
+                                          std::vector<std::string>* warnings) {
+  std::vector<std::vector<Shape>> shapes(robot.bodies.size() + 1);
+  std::set<std::string> known;
+  for (const fs::path& file : files) ShapeReader(file, robot, warnings).read(shapes, known);
   return shapes;
 }
 
@@ -132,7 +143,14 @@ std::vector<std::vector<Shape>> ShapeReader::read() {
 
 std::vector<std::vector<Shape>> shapes_of_urdf(const fs::path& file, const robot::RobotModel& robot,
                                                std::vector<std::string>* warnings) {
-  return ShapeReader(file, robot, warnings).read();
+  return shapes_of({file}, robot, warnings);
+}
+
+std::vector<std::vector<Shape>> hulls_of_urdf(const fs::path& file, const robot::RobotModel& robot,
+                                              std::vector<std::string>* warnings) {
+  const fs::path hulls =
+      file.parent_path() / (file.filename() == "robot.urdf" ? "hulls.urdf" : file.stem().string() + "_hulls.urdf");
+  return fs::exists(hulls) ? shapes_of({hulls, file}, robot, warnings) : shapes_of({file}, robot, warnings);
 }
 
 }  // namespace cotwin::scene

@@ -17,4 +17,9 @@ namespace cotwin::scene {
 std::vector<std::vector<Shape>> shapes_of_urdf(const std::filesystem::path& file, const robot::RobotModel& robot,
                                                std::vector<std::string>* warnings = nullptr);
 
+/// The same of the file with enclosing shapes beside a URDF: hulls.urdf beside robot.urdf, NAME_hulls.urdf beside NAME.urdf. Of links that it
+/// does not have, and where there is no such file, the shapes are those of shapes_of_urdf().
+std::vector<std::vector<Shape>> hulls_of_urdf(const std::filesystem::path& file, const robot::RobotModel& robot,
+                                              std::vector<std::string>* warnings = nullptr);
+
 }  // namespace cotwin::scene
