@@ -135,7 +135,8 @@ class NewOfOurRobots : public ::testing::TestWithParam<const char*> {};
 TEST_P(NewOfOurRobots, RunsUnchanged) { expect_kinds(GetParam()); }
 
 INSTANTIATE_TEST_SUITE_P(All, NewOfOurRobots,
-                         ::testing::Values("lwr4", "planar2", "kr300_r2500", "ur3e", "ur5e", "ur10", "ur10e", "ur16e", "ur20"));
+                         ::testing::Values("lwr4", "iiwa14", "planar2", "kr300_r2500", "ur3e", "ur5e", "ur10", "ur10e", "ur16e",
+                                           "ur20"));
 
 std::string link(const std::string& name, double mass) {
   const std::string m = std::to_string(mass), I = std::to_string(0.02 * mass);
