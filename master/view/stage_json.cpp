@@ -237,7 +237,7 @@ Json Writer::robot_json(const StagedModel& staged) {
         if (Json entry = visual_json(visual); !entry.is_null()) json["visuals"][i].push_back(std::move(entry));
       }
     }
-    const auto shapes = scene::shapes_of_urdf(staged.urdf, robot);
+    const auto shapes = scene::hulls_of_urdf(staged.urdf, robot);
     for (std::size_t i = 0; i < shapes.size(); ++i) json["solids"][i] = shapes_json(shapes[i]);
     remarks_.insert(remarks_.end(), warnings.begin(), warnings.end());
   } catch (const Error& error) {

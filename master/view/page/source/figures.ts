@@ -74,6 +74,11 @@ export class Shown {
     this.group.matrixAutoUpdate = false;
   }
 
+  foot(): number {
+    this.group.updateMatrixWorld(true);
+    return new three.Box3().setFromObject(this.parts[0]!).min.z;
+  }
+
   /// Positions that are not finite leave the joint where it is.
   place(place: Place, base: three.Matrix4): void {
     const columns = this.recording.values(this.track.signal);
@@ -110,11 +115,11 @@ export class FigureView {
     const dressed = (track: Track): three.Group[] => {
       const ghost = track.role !== 'main';
       const looks = looks_of(kRoles[track.role], ghost ? 0.3 : 1);
-      const objects = (visuals: Visual[][]): three.Group[] =>
-        visuals.map((list) => {
+      const objects = (visuals: Visual[][], material = (_: number): three.Material => looks.body): three.Group[] =>
+        visuals.map((list, i) => {
           const group = new three.Group();
           for (const visual of list) {
-            const object = visual_object(visual, points(visual), meshes, looks.body, ghost);
+            const object = visual_object(visual, points(visual), meshes, material(i), ghost);
             if (object !== undefined) group.add(object);
           }
           return group;
@@ -123,7 +128,7 @@ export class FigureView {
       const most = robot.joints.length / 2;
       const visuals = objects(robot.visuals);
       if (filled(visuals) > most) return visuals;
-      const solids = objects(robot.solids);
+      const solids = objects(robot.solids, (i) => (i === 0 ? looks.base : looks.links[i % looks.links.length]!));
       if (filled(solids) > most) return solids;
       // A few shapes are those of a tool: they are added to the clean shape.
       const groups = clean_shapes(robot, looks);
@@ -146,6 +151,10 @@ export class FigureView {
   box(): three.Box3 {
     this.group.updateMatrixWorld(true);
     return new three.Box3().setFromObject(this.group);
+  }
+  /// The lowest point of the base in the world, m.
+  foot(): number {
+    return this.main.foot();
   }
   place(place: Place): void {
     this.base_pose.at(place, this.base);

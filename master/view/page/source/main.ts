@@ -249,9 +249,15 @@ class Page {
     this.stage.scene.add(instances.group, ...[...this.figures, ...this.bodies].map((view) => view.group));
     const place = this.recording.place(this.player.time);
     for (const view of [...this.figures, ...this.bodies]) view.place(place);
-    this.stage.dress(Math.max(1.5, ...this.figures.map((view) => 1.2 * reach_of(view.robot))));
+    this.dress();
     this.add_cues();
     this.view_all();
+  }
+
+  /// The ground is at z = 0, or where robots stand whose base frame is above their foot.
+  private dress(): void {
+    const feet = this.figures.map((view) => view.foot());
+    this.stage.dress(Math.max(1.5, ...this.figures.map((view) => 1.2 * reach_of(view.robot))), this.bodies.length > 0 ? 0 : Math.min(0, ...feet));
   }
 
   private add_cues(): void {
@@ -355,7 +361,7 @@ class Page {
   private change_theme(): void {
     const dark = getComputedStyle(document.documentElement).getPropertyValue('--panel').trim() !== '#ffffff';
     document.documentElement.dataset['theme'] = dark ? 'light' : 'dark';
-    this.stage?.dress(Math.max(1.5, ...this.figures.map((view) => 1.2 * reach_of(view.robot))));
+    if (this.stage !== undefined) this.dress();
     for (const plot of this.plots) plot.build();
     this.update();
   }

@@ -10,16 +10,17 @@ export type Meshes = (three.Object3D | undefined)[];
 export interface Looks {
   body: three.Material;
   joint: three.Material;
+  /// Of the solids of the base, then of the bodies in turns, so that neighbours differ.
+  base: three.Material;
+  links: three.Material[];
 }
 
 export function looks_of(colour: string, opacity: number): Looks {
   const transparent = opacity < 1;
   // A ghost that is where its robot is does not cover it.
   const common = { transparent, opacity, depthWrite: !transparent, polygonOffset: transparent, polygonOffsetFactor: 2, polygonOffsetUnits: 8 };
-  return {
-    body: matte({ color: transparent ? colour : '#c9cdd3', ...common }),
-    joint: matte({ color: colour, ...common }),
-  };
+  const made = (own: string): three.Material => matte({ color: transparent ? colour : own, ...common });
+  return { body: made('#c9cdd3'), joint: made(colour), base: made('#6d7784'), links: [made('#dfe3e8'), made('#f0a24a')] };
 }
 
 /// A solid of revolution about the line from a to b, with these radii at the ends.

@@ -37,8 +37,8 @@ export class Stage {
     this.resize();
   }
 
-  /// Sets background and ground to the colours of the style sheet. `extent`: half of the edge of the ground, m.
-  dress(extent: number): void {
+  /// Sets background and ground to the colours of the style sheet. `extent`: half of the edge of the ground, `height`: its z, m.
+  dress(extent: number, height: number): void {
     this.scene.background = new three.Color(style_colour('--stage'));
     this.ground.clear();
     const metres = Math.max(1, Math.ceil(extent));
@@ -47,7 +47,7 @@ export class Stage {
     const line = style_colour('--grid');
     const grid = new three.GridHelper(2 * edge, Math.round((2 * edge) / spacing), line, line);
     grid.rotation.x = Math.PI / 2;
-    grid.position.z = -0.001;
+    grid.position.z = height - 0.001;
     this.ground.add(grid);
     this.invalidate();
   }
