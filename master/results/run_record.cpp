@@ -173,6 +173,8 @@ RunRecord::RunRecord(Given given, const Master& master) : file_(std::move(given.
   j["set"] = given.set;
   if (!given.events.empty()) j["event"] = given.events;
   if (!given.waypoints.empty()) j["waypoints"] = given.waypoints;
+  if (!given.attach.empty()) j["attach"] = given.attach;
+  if (!given.detach.empty()) j["detach"] = given.detach;
   j["components"] = components(scenario);
   j["parameters"] = parameters(scenario);
   j["events"] = events(scenario);

@@ -21,6 +21,7 @@ class RunRecord {
     std::uint64_t files = 0;                     // the same of the scenario as its file has it, without options of the command
     std::vector<std::string> set;                // --set
     std::vector<std::string> events, waypoints;  // --event, --waypoints
+    std::vector<std::string> attach, detach;     // --attach, --detach
     std::filesystem::path results;               // signals.csv; empty if nothing is recorded
     std::optional<double> resumed_at;            // s
   };

@@ -11,9 +11,11 @@
 #include <Eigen/Geometry>
 
 #include "components/unit/settings.h"
+#include "master/engine/tools.h"
 #include "master/engine/wiring/members.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
+#include "models/robot/changes/attachment.h"
 
 namespace cotwin::master {
 
@@ -73,6 +75,7 @@ class Builder {
   /// Whether the positions come from another recorded signal by a connection.
   bool is_copy(const Node& node) const;
   void place(StagedRobot& robot, const Node& node) const;
+  void add_tools(StagedRobot& robot, const std::vector<std::size_t>& members);
   /// Whether positions of another number of joints were recorded; then with a remark.
   bool tell_of_other_joints(const StagedRobot& robot);
 
@@ -203,6 +206,38 @@ void Builder::place(StagedRobot& robot, const Node& node) const {
   robot.base_quat = node.prefix + "base_quat";
 }
 
+/// An event of a tool without `components` and `robot` means all robots that it can be mounted on.
+void Builder::add_tools(StagedRobot& robot, const std::vector<std::size_t>& members) {
+  robot::RobotModel carrier = *stage_.models[robot.model].model;
+  const auto is_meant = [&](const ToolSpec& tool, const Node& node) {
+    const std::string label = node.prefix.substr(0, node.prefix.size() - 1);
+    return (tool.scope.empty() || label.starts_with(tool.scope + ".")) &&
+           (tool.robot.empty() || tool.robot == node.robot || tool.robot == carrier.name) &&
+           (tool.components.empty() || std::ranges::any_of(tool.components, [&](const std::string& name) {
+              return name == label || name == node.component;
+            }));
+  };
+  for (const ToolSpec& tool : scenario_.tools) {
+    if (std::ranges::none_of(members, [&](std::size_t i) { return is_meant(tool, nodes_[i]); })) continue;
+    try {
+      const double time = tool.time.seconds();
+      if (!tool.attach) {
+        robot::detach(carrier, tool.name, "", time);
+        for (StagedTool& mounted : robot.tools) {
+          if (mounted.name == tool.name && !mounted.until) mounted.until = time;
+        }
+        continue;
+      }
+      const robot::Attachment part = attachment(tool);
+      robot::attach(carrier, part, "", time);
+      const robot::Frame& frame = carrier.frame(tool.name);
+      robot.tools.push_back({tool.name, frame.body, frame.X_BF, part.inertia, time, {}, tool.shapes});
+    } catch (const Error& error) {
+      stage_.remarks.push_back("tool '" + tool.name + "' is not shown on robot " + robot.name + ": " + error.what());
+    }
+  }
+}
+
 bool Builder::tell_of_other_joints(const StagedRobot& robot) {
   const auto n = static_cast<std::size_t>(stage_.models[robot.model].model->n());
   for (const std::string_view name : kPositions) {
@@ -264,6 +299,7 @@ void Builder::group() {
       if (q0.size() == n && robot.q0.empty()) robot.q0 = std::move(q0);
     }
     robot.q0.resize(n, 0);
+    add_tools(robot, of_group);
     if (robot.tracks.empty() && tell_of_other_joints(robot)) {
       stage_.robots.push_back(std::move(robot));
       continue;

@@ -11,6 +11,7 @@
 #include "components/unit/unit_table.h"
 #include "master/scenario/scenario.h"
 #include "master/view/recorded.h"
+#include "models/mechanics/inertia.h"
 #include "models/robot/robot_model.h"
 #include "models/scene/cell.h"
 
@@ -31,6 +32,17 @@ struct StagedTrack {
   std::string signal;  // n elements
 };
 
+/// A tool that events of the scenario mount on a robot and remove.
+struct StagedTool {
+  std::string name;
+  int body = -1;                // that carries it; −1: the base
+  Pose X_BA;                    // the tool's frame in that of the body
+  Inertia inertia;              // in A
+  double from = 0;              // s, of the simulation
+  std::optional<double> until;  // s; none: to the end
+  std::filesystem::path urdf;   // with its collision shapes; empty without
+};
+
 /// One robot on the stage: the components that compute or control it.
 struct StagedRobot {
   std::string name;
@@ -38,6 +50,7 @@ struct StagedRobot {
   std::vector<std::string> prefixes;    // of its variables: "drive.", "world.left."
   std::vector<std::string> components;  // "drive", "world"
   std::vector<StagedTrack> tracks;      // the main one first
+  std::vector<StagedTool> tools;        // in the order of their events
   Pose X_WB;
   std::string base_p, base_quat;  // signals; may not be recorded
   bool in_world = false;          // in a contact world

@@ -3,18 +3,18 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
-#include <cctype>
 #include <cmath>
-#include <map>
 #include <optional>
 #include <utility>
 
 #include "fmu/import/fmu_store.h"
 #include "master/engine/wiring/members.h"
 #include "master/view/calculated.h"
+#include "master/view/visuals_json.h"
 #include "models/foundation/support/error.h"
-#include "models/foundation/support/file.h"
 #include "models/foundation/support/text.h"
+#include "models/numerics/dense.h"
+#include "models/robot/urdf/urdf.h"
 #include "models/scene/urdf/urdf_shapes.h"
 #include "models/scene/urdf/urdf_visuals.h"
 
@@ -25,36 +25,7 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
-constexpr std::uint64_t kMostMeshBytes = 20'000'000;  // of one file
-constexpr std::uint64_t kMostMeshBytesInAll = 60'000'000;
-
-Json vector_json(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
-
-void add_pose(Json& json, const Pose& X) {
-  const Eigen::Quaterniond quat(X.R);
-  json["p"] = vector_json(X.p);
-  json["quat"] = {quat.w(), quat.x(), quat.y(), quat.z()};
-}
-
 Json limit_json(double limit) { return std::isfinite(limit) ? Json(limit) : Json(nullptr); }
-
-/// A glTF with the contents of the files that it names inside. They must be beside it or below. Throws Error.
-std::string with_buffers_inside(const fs::path& file, const std::string& gltf) {
-  Json json = Json::parse(gltf, nullptr, false);
-  if (!json.is_object()) throw Error(file.string(), "is no JSON, expected glTF");
-  if (!json.contains("buffers") || !json["buffers"].is_array()) return gltf;
-  for (Json& buffer : json["buffers"]) {
-    if (!buffer.is_object() || !buffer.contains("uri") || !buffer["uri"].is_string()) continue;
-    const std::string uri = buffer["uri"].get<std::string>();
-    if (uri.starts_with("data:")) continue;
-    const fs::path named = fs::path(uri).lexically_normal();
-    if (uri.find(':') != std::string::npos || named.is_absolute() || (!named.empty() && *named.begin() == ".."))
-      throw Error(file.string(), "has its data in '" + uri + "', expected a file beside it");
-    const std::string bytes = text::read_file(file.parent_path() / named, "the data of a glTF", kMostMeshBytes);
-    buffer["uri"] = "data:application/octet-stream;base64," + to_base64(bytes);
-  }
-  return json.dump(-1, ' ', false, Json::error_handler_t::replace);
-}
 
 class Writer {
  public:
@@ -65,17 +36,14 @@ class Writer {
         content_(content),
         rows_(rows),
         calculated_(calculated),
-        packer_(packer),
-        remarks_(remarks) {}
+        remarks_(remarks),
+        visuals_(packer, remarks) {}
 
   Json write();
 
  private:
   Json robot_json(const StagedModel& staged);
-  Json shape_json(const scene::Shape& shape);
-  Json shapes_json(const std::vector<scene::Shape>& shapes);
-  Json visual_json(const scene::Visual& visual);
-  std::optional<std::size_t> mesh(const fs::path& file);
+  Json tool_json(const StagedTool& tool);
   Json figure_json(const StagedRobot& robot, std::size_t index);
   void add_live_matrices(Json& json, const StagedRobot& robot, std::size_t index) const;
   Json tau_e_json(const StagedRobot& robot) const;
@@ -95,103 +63,9 @@ class Writer {
   const StageContent& content_;
   const std::vector<std::size_t>& rows_;
   CalculatedTable& calculated_;
-  Packer& packer_;
   std::vector<std::string>& remarks_;
-  std::map<fs::path, std::optional<std::size_t>> known_meshes_;
-  std::uint64_t mesh_bytes_ = 0;
-  Json meshes_ = Json::array();
+  VisualWriter visuals_;
 };
-
-std::optional<std::size_t> Writer::mesh(const fs::path& file) {
-  const auto [known, is_new] = known_meshes_.emplace(file, std::nullopt);
-  if (!is_new) return known->second;
-  std::string format = file.extension().string();
-  std::transform(format.begin(), format.end(), format.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  if (!format.empty()) format.erase(0, 1);
-  constexpr std::array<std::string_view, 5> kFormats = {"stl", "obj", "dae", "gltf", "glb"};
-  try {
-    if (std::ranges::find(kFormats, format) == kFormats.end())
-      throw Error(file.string(), "is a mesh in a format that is not shown, expected stl, obj, dae, gltf or glb");
-    std::string bytes = text::read_file(file, "a mesh", kMostMeshBytes);
-    if (format == "gltf") bytes = with_buffers_inside(file, bytes);
-    mesh_bytes_ += bytes.size();
-    if (mesh_bytes_ > kMostMeshBytesInAll)
-      throw Error(file.string(),
-                  "is left out: all meshes together have more than " + std::to_string(kMostMeshBytesInAll) + " bytes");
-    Json entry = packer_.add_bytes(bytes);
-    entry["name"] = file.filename().string();
-    entry["format"] = format;
-    meshes_.push_back(std::move(entry));
-    known->second = meshes_.size() - 1;
-  } catch (const Error& error) {
-    remarks_.push_back(error.what());
-  }
-  return known->second;
-}
-
-Json Writer::visual_json(const scene::Visual& visual) {
-  static constexpr const char* kWords[] = {"box", "sphere", "cylinder", "capsule", "mesh"};
-  Json json = {{"kind", kWords[static_cast<std::size_t>(visual.type)]}, {"size", vector_json(visual.size)}};
-  add_pose(json, visual.X_BS);
-  if (visual.colour) json["colour"] = *visual.colour;
-  if (visual.type == scene::VisualType::kMesh) {
-    const std::optional<std::size_t> index = mesh(visual.mesh);
-    if (!index) return nullptr;
-    json["mesh"] = *index;
-  }
-  return json;
-}
-
-Json Writer::shape_json(const scene::Shape& shape) {
-  using scene::ShapeType;
-  static constexpr std::pair<ShapeType, const char*> kWords[] = {
-      {ShapeType::kSphere, "sphere"},       {ShapeType::kBox, "box"},   {ShapeType::kCylinder, "cylinder"},
-      {ShapeType::kCapsule, "capsule"},     {ShapeType::kHull, "hull"}, {ShapeType::kPlane, "plane"},
-      {ShapeType::kEllipsoid, "ellipsoid"},
-  };
-  for (const auto& [type, word] : kWords) {
-    if (shape.type != type) continue;
-    Json json = {{"kind", word}, {"size", vector_json(shape.size)}};
-    add_pose(json, shape.X_BS);
-    if (type == ShapeType::kHull) {
-      std::vector<double> points;
-      for (const Eigen::Vector3d& p : shape.vertices) points.insert(points.end(), p.data(), p.data() + 3);
-      json["points"] = packer_.add_reals(points);
-    }
-    return json;
-  }
-  return nullptr;
-}
-
-/// Triangles of a surface become one visual.
-Json Writer::shapes_json(const std::vector<scene::Shape>& shapes) {
-  Json visuals = Json::array();
-  std::vector<double> triangles;
-  const auto add = [&](const scene::Shape& shape, const std::vector<Eigen::Vector3d>& corners) {
-    for (const Eigen::Vector3d& corner : corners) {
-      const Eigen::Vector3d p = shape.X_BS * corner;
-      triangles.insert(triangles.end(), p.data(), p.data() + 3);
-    }
-  };
-  constexpr std::size_t kMostCells = 128;  // along a side of a heightmap
-  for (const scene::Shape& shape : shapes) {
-    if (shape.type == scene::ShapeType::kHeightmap) {
-      add(shape, shape.heights->coarse_triangles(kMostCells));
-    } else if (shape.type == scene::ShapeType::kTriangle) {
-      add(shape, shape.vertices);
-    } else if (Json visual = shape_json(shape); !visual.is_null()) {
-      visuals.push_back(std::move(visual));
-    }
-  }
-  if (!triangles.empty()) {
-    Json surface = {{"kind", "triangles"}, {"size", {1, 1, 1}}};
-    add_pose(surface, {});
-    surface["points"] = packer_.add_reals(triangles);
-    visuals.push_back(std::move(surface));
-  }
-  return visuals;
-}
 
 Json Writer::robot_json(const StagedModel& staged) {
   const robot::RobotModel& robot = *staged.model;
@@ -232,16 +106,45 @@ Json Writer::robot_json(const StagedModel& staged) {
   try {
     std::vector<std::string> warnings;
     const auto visuals = scene::visuals_of_urdf(staged.urdf, robot, &warnings);
-    for (std::size_t i = 0; i < visuals.size(); ++i) {
-      for (const scene::Visual& visual : visuals[i]) {
-        if (Json entry = visual_json(visual); !entry.is_null()) json["visuals"][i].push_back(std::move(entry));
-      }
-    }
+    for (std::size_t i = 0; i < visuals.size(); ++i) json["visuals"][i] = visuals_.write(visuals[i]);
     const auto shapes = scene::hulls_of_urdf(staged.urdf, robot);
-    for (std::size_t i = 0; i < shapes.size(); ++i) json["solids"][i] = shapes_json(shapes[i]);
+    for (std::size_t i = 0; i < shapes.size(); ++i) json["solids"][i] = visuals_.write(shapes[i]);
     remarks_.insert(remarks_.end(), warnings.begin(), warnings.end());
   } catch (const Error& error) {
     remarks_.push_back(std::string("shapes of robot '") + robot.name + "' are left out: " + error.what());
+  }
+  return json;
+}
+
+/// The box in A with the mass and the inertia; a point mass is a cube of steel.
+scene::Shape box_of(const Inertia& inertia) {
+  constexpr double kSteel = 7850, kLeast = 1e-3;  // kg/m³, m
+  scene::Shape box;
+  box.type = scene::ShapeType::kBox;
+  box.X_BS.p = inertia.p_LC;
+  const auto [moments, axes] = numerics::symmetric_eigen<3>(inertia.I_CC);
+  box.X_BS.R = axes * (axes.determinant() < 0 ? -1 : 1);
+  const Eigen::Vector3d squares = 6 / inertia.mass * (Eigen::Vector3d::Constant(moments.sum()) - 2 * moments);
+  box.size = squares.cwiseMax(0).cwiseSqrt().cwiseMax(kLeast);
+  if (moments.isZero(0)) box.size.setConstant(std::cbrt(inertia.mass / kSteel));
+  return box;
+}
+
+/// The tool's visuals or collision shapes; without a file with shapes, the box with its inertia; nothing of a frame without mass.
+Json Writer::tool_json(const StagedTool& tool) {
+  Json json = {{"name", tool.name}, {"body", tool.body}, {"from", tool.from}, {"until", nullptr}, {"visuals", Json::array()}};
+  if (tool.until) json["until"] = *tool.until;
+  add_pose(json, tool.X_BA);
+  try {
+    if (tool.urdf.empty()) {
+      if (tool.inertia.mass > 0) json["visuals"] = visuals_.write(std::vector{box_of(tool.inertia)});
+      return json;
+    }
+    const robot::RobotModel model = robot::load_urdf(tool.urdf);
+    json["visuals"] = visuals_.write(scene::visuals_of_urdf(tool.urdf, model).front());
+    if (json["visuals"].empty()) json["visuals"] = visuals_.write(scene::hulls_of_urdf(tool.urdf, model).front());
+  } catch (const Error& error) {
+    remarks_.push_back("shapes of tool '" + tool.name + "' are left out: " + error.what());
   }
   return json;
 }
@@ -362,6 +265,8 @@ Json Writer::figure_json(const StagedRobot& robot, std::size_t index) {
   json["tracks"] = Json::array();
   for (const StagedTrack& track : robot.tracks)
     json["tracks"].push_back({{"role", kRoles[static_cast<std::size_t>(track.role)]}, {"signal", track.signal}});
+  json["tools"] = Json::array();
+  for (const StagedTool& tool : robot.tools) json["tools"].push_back(tool_json(tool));
   json["tau_e"] = tau_e_json(robot);
   if (content_.live) {
     add_live_matrices(json, robot, index);
@@ -466,14 +371,14 @@ Json Writer::write() {
     add_pose(body, staged.body.X_WB);
     body["p_signal"] = is_recorded(p, 3) ? p : "";
     body["quat_signal"] = is_recorded(quat, 4) ? quat : "";
-    body["visuals"] = shapes_json(staged.body.shapes);
+    body["visuals"] = visuals_.write(staged.body.shapes);
     json["bodies"].push_back(std::move(body));
     const bool moves = staged.body.motion != scene::Motion::kStatic;
     if (moves && (!is_recorded(p, 3) || !is_recorded(quat, 4)) && still.size() < 200) text::append(still, p + " and " + quat);
   }
   if (!still.empty())
     remarks_.push_back("bodies stand where they were at the start, because their poses are not recorded; record " + still);
-  json["meshes"] = std::move(meshes_);
+  json["meshes"] = visuals_.meshes();
   json["contacts"] = contacts_json();
   json["contacts_lack"] = stage_.worlds.empty()
                               ? "the scenario has no contact world"

@@ -83,7 +83,17 @@ std::string text_of(const Json& record, std::initializer_list<const char*> path)
   return at->is_string() ? at->get<std::string>() : at->is_number() ? at->dump() : "";
 }
 
-/// The scenario of the run with its --set, or nothing with a remark. A scenario that is not as it was in the run gets a remark.
+/// The texts of a list in run.json; none if it has no such list.
+std::vector<std::string> texts_of(const Json& record, const char* name) {
+  std::vector<std::string> texts;
+  if (!record.contains(name) || !record[name].is_array()) return texts;
+  for (const Json& text : record[name]) {
+    if (text.is_string()) texts.push_back(text.get<std::string>());
+  }
+  return texts;
+}
+
+/// The scenario of the run with its --set, --attach and --detach, or nothing with a remark. A scenario that is not as it was in the run gets a remark.
 std::optional<Scenario> find_scenario(const ViewOptions& options, const Results& results, std::span<const UnitType> types,
                                       std::vector<std::string>& remarks) {
   fs::path file = options.scenario;
@@ -107,9 +117,14 @@ std::optional<Scenario> find_scenario(const ViewOptions& options, const Results&
           "the scenario " + file.string() +
           ", or a file that it names (URDF, scene, CSV), is not as it was in the run; robots and bodies are shown as they "
           "are now");
-    if (results.record.contains("set") && results.record["set"].is_array()) {
-      for (const Json& assignment : results.record["set"]) {
-        if (assignment.is_string()) assign(scenario, assignment.get<std::string>(), types);
+    for (const std::string& assignment : texts_of(results.record, "set")) assign(scenario, assignment, types);
+    for (const char* kind : {"detach", "attach"}) {
+      for (const std::string& tool : texts_of(results.record, kind)) {
+        try {
+          add_tool_event(scenario, *kind == 'a', tool);
+        } catch (const Error& error) {
+          remarks.push_back("a tool is not shown: " + std::string(error.what()));
+        }
       }
     }
     if (results.record.contains("stop") && results.record["stop"].is_number())

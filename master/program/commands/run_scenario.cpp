@@ -365,9 +365,17 @@ int run_scenario(RunArguments arguments) {
            {ResultsFolder::kSummary, ResultsFolder::kCheckpoint, ResultsFolder::kHistory, ResultsFolder::kPage})
         fs::remove(out / name);
     }
-    RunRecord::Given given{
-        out / ResultsFolder::kRecord, build, hash, hash_of(load_scenario(arguments.file)), arguments.set, arguments.events,
-        arguments.waypoints,          {},    {}};
+    RunRecord::Given given{.file = out / ResultsFolder::kRecord,
+                           .build = build,
+                           .scenario = hash,
+                           .files = hash_of(load_scenario(arguments.file)),
+                           .set = arguments.set,
+                           .events = arguments.events,
+                           .waypoints = arguments.waypoints,
+                           .attach = arguments.attach,
+                           .detach = arguments.detach,
+                           .results = {},
+                           .resumed_at = {}};
     if (!master->columns().empty()) given.results = out / ResultsFolder::kSignals;
     if (earlier) given.resumed_at = master->now().seconds();
     record.emplace(std::move(given), *master);

@@ -100,13 +100,15 @@ INSTANTIATE_TEST_SUITE_P(All, ShippedRobots, ::testing::ValuesIn(shipped_robots(
 // Examples whose URDF is a shipped robot with a tool have a copy of its hulls: the page shows the arm.
 TEST(Hulls, OfExamplesAreThoseOfTheirRobots) {
   const fs::path examples = fs::path(places::source()) / "examples";
-  for (const auto& [robot, copy] : {std::pair{"lwr4", "04_peg_in_hole/lwr4_peg"},
-                                    {"lwr4", "10_cooperation/lwr4_punch"},
-                                    {"ur5e", "10_cooperation/ur5e_punch"},
-                                    {"lwr4", "13_docking/lwr4_adapter"}}) {
-    const fs::path urdf = examples / (std::string(copy) + ".urdf");
-    EXPECT_EQ(cotwin::testing::content(examples / (std::string(copy) + "_hulls.urdf")),
-              cotwin::testing::content(robots() / robot / "hulls.urdf"));
+  for (const auto& [robot, urdf_file] : {std::pair{"lwr4", "04_peg_in_hole/lwr4_peg.urdf"},
+                                         {"lwr4", "04_peg_in_hole/real/robot.urdf"},
+                                         {"lwr4", "10_cooperation/lwr4_punch.urdf"},
+                                         {"ur5e", "10_cooperation/ur5e_punch.urdf"},
+                                         {"lwr4", "13_docking/lwr4_adapter.urdf"}}) {
+    const fs::path urdf = examples / urdf_file;
+    const fs::path copy = urdf.filename() == "robot.urdf" ? urdf.parent_path() / "hulls.urdf"
+                                                          : urdf.parent_path() / (urdf.stem().string() + "_hulls.urdf");
+    EXPECT_EQ(cotwin::testing::content(copy), cotwin::testing::content(robots() / robot / "hulls.urdf"));
     const robot::RobotModel model = robot::load_urdf(urdf);
     EXPECT_EQ(scene::hulls_of_urdf(urdf, model).back().size(),
               scene::hulls_of_urdf(robots() / robot / "robot.urdf", model).back().size() + 1)

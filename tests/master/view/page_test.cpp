@@ -36,14 +36,16 @@ json matrix_of(const Eigen::Matrix3d& R, const Eigen::Vector3d& p) {
   return list;
 }
 
+json pose_of(const robot::RobotModel& robot, const robot::Frame& frame, const Eigen::VectorXd& q, const Pose& X_WB = {}) {
+  const Eigen::VectorXd rest = Eigen::VectorXd::Zero(robot.n());
+  const robot::FrameMotion motion = robot::FrameKinematics(robot, frame).at(q, rest, rest);
+  const Pose X_WF = X_WB * Pose{motion.Q.toRotationMatrix(), motion.p};
+  return matrix_of(X_WF.R, X_WF.p);
+}
+
 /// Forward kinematics of all bodies and of the tip.
 json poses_of(const robot::RobotModel& robot, const Eigen::VectorXd& q, const Pose& X_WB = {}) {
-  const Eigen::VectorXd rest = Eigen::VectorXd::Zero(robot.n());
-  const auto pose = [&](const robot::Frame& frame) {
-    const robot::FrameMotion motion = robot::FrameKinematics(robot, frame).at(q, rest, rest);
-    const Pose X_WF = X_WB * Pose{motion.Q.toRotationMatrix(), motion.p};
-    return matrix_of(X_WF.R, X_WF.p);
-  };
+  const auto pose = [&](const robot::Frame& frame) { return pose_of(robot, frame, q, X_WB); };
   json figure = {{"bodies", json::array()}, {"tip", pose(robot.end_effector())}};
   for (int body = 0; body < robot.body_count(); ++body) figure["bodies"].push_back(pose({"", body, {}}));
   return figure;
@@ -85,7 +87,9 @@ class Page : public ::testing::Test {
 
 TEST_F(Page, ShowsTheMainExampleAsForwardKinematicsAndTheRecordingHaveIt) {
   const RunResult run =
-      cotwin({"run", (root_ / "examples/02_free_motion_lwr4/twin.ssd").string(), "--stop", "4", "--out", "results", "--quiet"});
+      cotwin({"run", (root_ / "examples/02_free_motion_lwr4/twin.ssd").string(), "--stop", "4", "--out", "results", "--quiet",
+              "--attach", "payload,parent=link_7,xyz=0 0 0.1,mass=2,com=0 0 0.05,inertia=4e-3 0 0 4e-3 0 4e-3@1", "--detach",
+              "payload@2.5"});
   ASSERT_EQ(run.code, 0) << run.err;
   const RunResult view = cotwin({"view", "results", "--plot", "drive.tau_J", "--plot", "drive.q"});
   ASSERT_EQ(view.code, 0) << view.err;
@@ -95,12 +99,14 @@ TEST_F(Page, ShowsTheMainExampleAsForwardKinematicsAndTheRecordingHaveIt) {
   const robot::RobotModel arm = robot::load_urdf(root_ / "models/robots/lwr4/robot.urdf");
   json seeks = json::array();
   for (const std::size_t row : {std::size_t{0}, std::size_t{123}, std::size_t{250}, recorded.time.size() - 1}) {
-    seeks.push_back({{"t", static_cast<double>(recorded.time[row]) * 1e-9},
+    const double t = static_cast<double>(recorded.time[row]) * 1e-9;
+    const Eigen::VectorXd q = values_of(recorded, "drive.q", row);
+    const robot::Frame payload{"payload", arm.end_effector().body, {Eigen::Matrix3d::Identity(), {0, 0, 0.1}}};
+    seeks.push_back({{"t", t},
                      {"range", 100},
-                     {"figures", json::array({poses_of(arm, values_of(recorded, "drive.q", row))})},
-                     {"plots",
-                      {{"drive.tau_J", list_of(values_of(recorded, "drive.tau_J", row))},
-                       {"drive.q", list_of(values_of(recorded, "drive.q", row))}}}});
+                     {"figures", json::array({poses_of(arm, q)})},
+                     {"tools", {{"payload", t >= 1 && t < 2.5 ? pose_of(arm, payload, q) : json(nullptr)}}},
+                     {"plots", {{"drive.tau_J", list_of(values_of(recorded, "drive.tau_J", row))}, {"drive.q", list_of(q)}}}});
   }
   const json common = {{"file", page("results/view.html")}, {"title", "free_motion_lwr4"}};
   json first = common, second = common;

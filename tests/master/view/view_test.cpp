@@ -19,6 +19,7 @@
 #include "models/foundation/support/error.h"
 #include "models/robot/indices.h"
 #include "models/robot/urdf/urdf.h"
+#include "models/scene/shapes.h"
 #include "tests/support/error_of.h"
 #include "tests/support/files.h"
 #include "tests/support/places.h"
@@ -300,6 +301,54 @@ TEST(Stage, ShowsTheForcesOfHandsAtRobotsAndBodies) {
   EXPECT_EQ(page.at("forces")[0].at("figure"), 0);
   EXPECT_EQ(page.at("forces")[1].at("p"), "block_hand.p");
   EXPECT_EQ(page.at("forces")[1].at("figure"), -1);
+}
+
+TEST(Stage, ShowsToolsFromTheirMountingToTheirRemoval) {
+  const fs::path root = places::source();
+  Scenario scenario = load_scenario(root / "examples/02_free_motion_lwr4/twin.ssd");
+  for (const char* tool :
+       {"plate,parent=link_7,xyz=0 0 0.1,mass=2,com=0.01 0.02 0.03,inertia=0.02 1e-3 2e-3 0.018 -1e-3 0.012@1",
+        "bit,parent=plate,xyz=0.2 0 0,rpy=0 0 1.5707963267948966,mass=0.1,com=0 0 0,inertia=0 0 0 0 0 0@2",
+        "bit,parent=link_3,mass=0,com=0 0 0,inertia=0 0 0 0 0 0@4", "lost,parent=nowhere,mass=1@5"})
+    add_tool_event(scenario, true, tool);
+  add_tool_event(scenario, false, "bit@3");
+  const std::vector<fs::path> folders = {scenario.folder, root / "models"};
+  const Recorded recorded = recording_of({{"drive.q", 7}});
+  const Stage stage = stage_of(scenario, recorded, unit_types(), folders);
+  EXPECT_THAT(stage.remarks, ElementsAre(HasSubstr("tool 'lost' is not shown on robot drive: ")));
+  const std::vector<StagedTool>& tools = stage.robots.at(0).tools;
+  ASSERT_EQ(tools.size(), 3u);
+  EXPECT_EQ(tools[0].until, std::nullopt);
+  EXPECT_EQ(tools[1].body, 6);
+  EXPECT_LT((tools[1].X_BA.p - Eigen::Vector3d(0.2, 0, 0.1)).norm(), 1e-15);
+  EXPECT_LT((tools[1].X_BA.R.col(0) - Eigen::Vector3d::UnitY()).norm(), 1e-15);
+  EXPECT_EQ(tools[1].from, 2);
+  EXPECT_EQ(tools[1].until, 3);
+  EXPECT_EQ(tools[2].body, 2);
+  EXPECT_EQ(tools[2].from, 4);
+
+  CalculatedTable calculated;
+  Packer packer;
+  std::vector<std::string> remarks;
+  const auto page = stage_json({stage, recorded, &scenario, unit_types(), folders}, {}, calculated, packer, remarks);
+  const auto& shown = page.at("figures")[0].at("tools");
+  EXPECT_TRUE(shown[0].at("until").is_null());
+  EXPECT_TRUE(shown[2].at("visuals").empty()) << "a frame without mass";
+  const auto box_of = [](const auto& tool) {
+    const auto& visual = tool.at("visuals").at(0);
+    EXPECT_EQ(visual.at("kind"), "box");
+    const std::vector<double> size = visual.at("size"), p = visual.at("p"), quat = visual.at("quat");
+    scene::Shape box;
+    box.type = scene::ShapeType::kBox;
+    box.size = {size[0], size[1], size[2]};
+    box.X_BS = {Eigen::Quaterniond(quat[0], quat[1], quat[2], quat[3]).toRotationMatrix(), {p[0], p[1], p[2]}};
+    return box;
+  };
+  // A tool that is given by numbers is the box with its mass distribution.
+  const scene::Shape box = box_of(shown[0]);
+  const Inertia inertia = scene::solid_inertia(box, 2 / box.size.prod());
+  EXPECT_LT((inertia.parameters() - tools[0].inertia.parameters()).norm(), 1e-14);
+  EXPECT_NEAR(box_of(shown[1]).size.prod() * 7850, 0.1, 1e-12);
 }
 
 TEST(Stage, OfARobotAloneTakesSignalsWithItsNumberOfJoints) {

@@ -1,8 +1,9 @@
 import * as three from 'three';
 import { kRoles } from './colours';
 import { Instances, type Member } from './instances';
-import type { Body, Figure, PageData, Robot, Track, Visual } from './format';
+import type { Body, Figure, PageData, Robot, Tool, Track, Visual } from './format';
 import { Mechanism, frame_pose, matrix_of } from './kinematics';
+import { matte } from './materials';
 import { between, type Place, type Recording } from './recording';
 import { clean_shapes, looks_of, visual_object, type Meshes } from './shapes';
 
@@ -102,6 +103,7 @@ export class FigureView {
   readonly ghosts: Shown[] = [];
   readonly group = new three.Group();
   private readonly base_pose: RecordedPose;
+  private readonly tools: { tool: Tool; group: three.Group }[];
 
   constructor(
     readonly figure: Figure,
@@ -137,8 +139,20 @@ export class FigureView {
     };
     const none: Track = { role: 'main', signal: '' };
     const main = figure.tracks.find((track) => track.role === 'main') ?? none;
-    this.main = new Shown(mechanism, main, figure.q0, dressed(main), recording);
+    const bodies = dressed(main);
+    this.main = new Shown(mechanism, main, figure.q0, bodies, recording);
     this.group.add(this.main.group);
+    const metal = matte({ color: '#5c8f6b' });
+    this.tools = figure.tools.map((tool) => {
+      const group = new three.Group();
+      for (const visual of tool.visuals) {
+        const object = visual_object(visual, points(visual), meshes, metal, false);
+        if (object !== undefined) group.add(object);
+      }
+      matrix_of(tool).decompose(group.position, group.quaternion, group.scale);
+      bodies[tool.body + 1]!.add(group);
+      return { tool, group };
+    });
     for (const track of figure.tracks) {
       if (track === main) continue;
       const ghost = new Shown(mechanism, track, figure.q0, dressed(track), recording);
@@ -156,12 +170,21 @@ export class FigureView {
   foot(): number {
     return this.main.foot();
   }
-  place(place: Place): void {
+  /// `t`: the time of the place, s.
+  place(place: Place, t: number): void {
     this.base_pose.at(place, this.base);
     this.main.place(place, this.base);
+    for (const { tool, group } of this.tools) group.visible = t >= tool.from && t < (tool.until ?? Infinity);
     for (const ghost of this.ghosts) {
       if (ghost.group.visible) ghost.place(place, this.base);
     }
+  }
+
+  tool_pose(name: string): number[] | null {
+    const shown = this.tools.find(({ tool, group }) => tool.name === name && group.visible);
+    if (shown === undefined) return null;
+    shown.group.updateWorldMatrix(true, false);
+    return shown.group.matrixWorld.toArray();
   }
 
   /// The pose of a frame in the world.

@@ -109,6 +109,15 @@ export interface Source {
   lacks: string;
 }
 
+/// A tool on a robot, in the frame of the body that carries it (-1: the base), from a time on until another (null: to the end), s.
+export interface Tool extends Pose {
+  name: string;
+  body: number;
+  from: number;
+  until: number | null;
+  visuals: Visual[];
+}
+
 /// One robot on the stage.
 export interface Figure {
   name: string;
@@ -117,6 +126,7 @@ export interface Figure {
   base_p: string;
   base_quat: string;
   q0: number[];
+  tools: Tool[];
   tracks: Track[];
   tau_e: Source;
   /// Signals of the calculated table: Λ_v⁻¹ and J_v J_vᵀ of the tip in the base, xx xy xz yy yz zz; empty if they cannot be calculated.

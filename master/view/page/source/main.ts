@@ -128,13 +128,17 @@ class Page {
     requestAnimationFrame((now) => this.frame(now));
   }
 
-  /// Poses in the world, as column-major matrices: of all bodies of a robot and of its tip, or of a body of the scene. For tests.
+  /// Poses in the world, as column-major matrices: of all bodies of a robot and of its tip, of a body of the scene, of a tool. For tests.
   poses(figure: number): { bodies: number[][]; tip: number[] } {
     const view = this.figures[figure]!;
     return { bodies: view.main.poses.map((pose) => pose.clone().premultiply(view.base).toArray()), tip: view.frame(view.robot.tip).toArray() };
   }
   body_pose(name: string): number[] | undefined {
     return this.bodies.find((view) => view.body.name === name)?.group.matrix.toArray();
+  }
+  /// null: not mounted at this time.
+  tool_pose(figure: number, name: string): number[] | null {
+    return this.figures[figure]!.tool_pose(name);
   }
   seek(t: number): void {
     this.player.seek(t);
@@ -231,7 +235,7 @@ class Page {
   private async set_the_stage(): Promise<void> {
     const { data } = this;
     const points = new Map<object, Float32Array>();
-    const visuals: Visual[] = [...data.robots.flatMap((robot) => [...robot.visuals, ...robot.solids].flat()), ...data.bodies.flatMap((body) => body.visuals)];
+    const visuals: Visual[] = [...data.robots.flatMap((robot) => [...robot.visuals, ...robot.solids].flat()), ...data.bodies.flatMap((body) => body.visuals), ...data.figures.flatMap((figure) => figure.tools.flatMap((tool) => tool.visuals))];
     const [meshes] = await Promise.all([
       load_meshes(data.meshes, this.numbers, (text) => this.remark(text)),
       ...visuals.map(async (visual) => {
@@ -248,7 +252,7 @@ class Page {
     instances.build();
     this.stage.scene.add(instances.group, ...[...this.figures, ...this.bodies].map((view) => view.group));
     const place = this.recording.place(this.player.time);
-    for (const view of [...this.figures, ...this.bodies]) view.place(place);
+    for (const view of [...this.figures, ...this.bodies]) view.place(place, this.player.time);
     this.dress();
     this.add_cues();
     this.view_all();
@@ -434,7 +438,7 @@ class Page {
     if (is_due || this.live === undefined || !following) for (const plot of this.plots) plot.follow(t);
     if (this.stage === undefined) return;
     const place = this.recording.place(t);
-    for (const view of this.figures) view.place(place);
+    for (const view of this.figures) view.place(place, t);
     for (const view of this.bodies) if (view.moves) view.place(place);
     // Nobody reads figures that change 60 times a second, and laying them out takes longer than drawing the robot.
     const has_texts = !following || this.last - this.written >= kTexts;

@@ -55,10 +55,18 @@ export class Stage {
   /// Puts everything within the box into view.
   look_at(box: three.Box3): void {
     const centre = box.getCenter(new three.Vector3());
-    const radius = Math.max(0.25, 0.5 * box.getSize(new three.Vector3()).length());
-    const narrow = Math.min(1, this.camera.aspect);
-    const distance = (0.95 * radius) / Math.sin((this.camera.fov * Math.PI) / 360) / narrow;
-    this.camera.position.copy(centre).addScaledVector(new three.Vector3(0.95, -1.15, 0.6).normalize(), distance);
+    const half = box.getSize(new three.Vector3()).multiplyScalar(0.5).max(new three.Vector3(0.15, 0.15, 0.15));
+    const back = new three.Vector3(0.95, -1.15, 0.6).normalize();
+    const right = new three.Vector3().crossVectors(this.camera.up, back).normalize();
+    const up = new three.Vector3().crossVectors(back, right);
+    const slope = Math.tan((this.camera.fov * Math.PI) / 360);
+    let distance = 0; // at which each corner is inside the picture
+    for (let k = 0; k < 8; ++k) {
+      const corner = new three.Vector3(k & 1 ? half.x : -half.x, k & 2 ? half.y : -half.y, k & 4 ? half.z : -half.z);
+      const aside = Math.max(Math.abs(corner.dot(up)), Math.abs(corner.dot(right)) / this.camera.aspect);
+      distance = Math.max(distance, corner.dot(back) + (1.08 * aside) / slope);
+    }
+    this.camera.position.copy(centre).addScaledVector(back, distance);
     this.camera.near = distance / 100;
     this.camera.far = distance * 20;
     this.camera.updateProjectionMatrix();
