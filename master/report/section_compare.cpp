@@ -68,8 +68,18 @@ std::string value_text(const json& value) {
   return text;
 }
 
-void compare_records(Page& page, std::span<const Results> all) {
-  Beside facts("", all), parameters("parameter", all);
+void compare_parameters(Page& page, std::span<const Results> all) {
+  Beside parameters("parameter", all);
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    if (const json& given = member(all[i].record, "parameters"); all[i].is_run() && given.is_object()) {
+      for (const auto& [name, entry] : given.items()) parameters.add(name, i, value_text(member(entry, "value")), false);
+    }
+  }
+  parameters.write(page, "Parameters that differ", true);
+}
+
+void compare_origins(Page& page, std::span<const Results> all) {
+  Beside facts("", all);
   for (std::size_t i = 0; i < all.size(); ++i) {
     const json &record = all[i].record, &summary = all[i].summary;
     if (!all[i].is_run()) continue;
@@ -83,12 +93,8 @@ void compare_records(Page& page, std::span<const Results> all) {
     facts.add("tick [s]", i, number_of(member(record, "tick")));
     facts.add("times real time", i, number_of(member(summary, "real_time_factor")));
     facts.add("recorded rows", i, all[i].recording ? static_cast<double>(all[i].recording->rows) : std::nan(""));
-    if (const json& given = member(record, "parameters"); given.is_object()) {
-      for (const auto& [name, entry] : given.items()) parameters.add(name, i, value_text(member(entry, "value")), false);
-    }
   }
-  facts.write(page, "The runs");
-  parameters.write(page, "Parameters that differ", true);
+  facts.write(page, "");
 }
 
 void compare_summaries(Page& page, std::span<const Results> all) {
@@ -236,11 +242,13 @@ void write_comparison(Page& page, std::span<const Results> all, const Gnuplot& g
   page.heading(2, "Comparison");
   if (std::ranges::any_of(all, &Results::is_tuning)) compare_tunings(page, all);
   if (std::ranges::none_of(all, &Results::is_run)) return;
-  compare_records(page, all);
+  compare_parameters(page, all);
   compare_summaries(page, all);
   std::size_t plots = 0;
   for (std::size_t i = 1; i < all.size(); ++i) compare_two(page, all, i, gnuplot, plots);
   if (plots > kMostPlots) page.note("More signals differ than are plotted; --signals chooses them.");
+  page.heading(3, "Origin of the runs");
+  compare_origins(page, all);
 }
 
 }  // namespace cotwin::report

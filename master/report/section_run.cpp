@@ -53,6 +53,7 @@ std::string joined(const json& list, const char* between) {
 
 void write_run_facts(Page& page, const Results& results) {
   const json &record = results.record, &summary = results.summary;
+  page.heading(3, "Origin and machine");
   Facts facts;
   const json& scenario = member(record, "scenario");
   facts.add("scenario", scenario.is_object() ? text_of(member(scenario, "name")) : text_of(member(summary, "scenario")));
@@ -376,6 +377,19 @@ void write_messages(Page& page, const Results& results) {
   if (shown > 50) page.note(std::to_string(shown - 50) + " more warnings are in run.json.");
 }
 
+/// What the run was, in a line.
+void write_outcome(Page& page, const Results& results) {
+  const json &record = results.record, &summary = results.summary;
+  std::string line;
+  if (record.is_object() || summary.is_object()) line = state_of(results).words;
+  const double start = number_of(either(member(record, "start"), member(summary, "start")));
+  const double reached = number_of(either(member(record, "reached"), member(summary, "reached")));
+  if (std::isfinite(start) && std::isfinite(reached))
+    text::append(line, number(start, 9) + " s to " + number(reached, 9) + " s simulated");
+  text::append(line, text_of(member(record, "begun")));
+  if (!line.empty()) page.paragraph(escaped(line) + ".");
+}
+
 }  // namespace
 
 void Artist::plot(Plot plot, const std::string& caption_html) {
@@ -435,26 +449,25 @@ void write_group(Page& page, const LoadedRecording& recording, const ColumnGroup
 
 void write_run(Page& page, const Results& results, const Gnuplot& gnuplot) {
   page.heading(2, results.name, true);
+  write_outcome(page, results);
   write_messages(page, results);
-  write_run_facts(page, results);
   write_figures(page, results.summary);
-  write_energy(page, results);
   if (results.recording) {
     write_contacts(page, *results.recording, gnuplot);
     write_residuals(page, *results.recording, gnuplot);
-  }
-  write_events(page, results.record);
-  write_time(page, results.summary);
-  if (const json& notes = member(results.summary, "notes"); !list_of(notes).empty()) {
-    page.heading(3, "Notes of the units");
-    for (const json& note : list_of(notes)) page.paragraph(escaped(text_of(note)));
-  }
-  if (results.recording) {
     write_signals(page, *results.recording, gnuplot);
   } else {
     page.paragraph("The run has no recording, so there are no plots.");
   }
+  write_energy(page, results);
+  write_events(page, results.record);
+  if (const json& notes = member(results.summary, "notes"); !list_of(notes).empty()) {
+    page.heading(3, "Notes of the units");
+    for (const json& note : list_of(notes)) page.paragraph(escaped(text_of(note)));
+  }
   write_run_parameters(page, results.record);
+  write_time(page, results.summary);
+  write_run_facts(page, results);
 }
 
 }  // namespace cotwin::report

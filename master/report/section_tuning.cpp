@@ -21,6 +21,7 @@ std::string joined_text(const json& list) {
 
 void write_tuning_facts(Page& page, const Results& results) {
   const json& f = results.figures;
+  page.heading(3, "Data and settings");
   const json& settings = member(f, "settings");
   Table table({"", ""}, 2);
   const auto add = [&](const char* what, const std::string& text) {
@@ -307,11 +308,11 @@ void write_tuning(Page& page, const Results& results, const Gnuplot& gnuplot) {
   for (const std::string& note : results.notes) page.note(note);
   for (const json& warning : list_of(member(f, "warnings"))) page.note("Warning: " + text_of(warning));
   const std::vector<std::string> joints = joints_of(f);
-  write_tuning_facts(page, results);
   write_errors(page, f, joints);
-  write_convergence(page, f, gnuplot);
   write_torques(page, results, joints, gnuplot);
   write_tuning_parameters(page, f);
+  write_convergence(page, f, gnuplot);
+  write_tuning_facts(page, results);
 }
 
 }  // namespace cotwin::report

@@ -22,10 +22,10 @@ class Artist {
   const Gnuplot& gnuplot_;
 };
 
-/// A run: what was run, figures, energy, contacts, residuals, signals, parameters. `level`: of its first heading.
+/// A run: its outcome, figures, contacts, residuals, signals, energy, events, parameters, time of the units; origin and machine come last.
 void write_run(Page& page, const Results& results, const Gnuplot& gnuplot);
 
-/// A tuning: errors, torques before and after, convergence, parameters.
+/// A tuning: errors, torques before and after, parameters, convergence, data and settings.
 void write_tuning(Page& page, const Results& results, const Gnuplot& gnuplot);
 
 /// Several runs or tunings beside each other; the first one is the reference.

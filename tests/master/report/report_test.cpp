@@ -398,6 +398,13 @@ TEST(ReportPage, OfARunHasItsFiguresPlotsAndParameters) {
        {"Run of free_motion_lwr4", "complete", "given with --set", "compliance.sigma0=0", "tracking error [rad]",
         "work of the joints", "unit:drive_train", "compliance.tau_m [N.m]", "drive.energy_…", "hash of the scenario"})
     EXPECT_THAT(page, HasSubstr(text));
+  std::size_t at = 0;  // what happened comes first, and where it ran last
+  for (const char* text : {"complete, 0 s to 1 s simulated", ">Figures of the run</h3>", ">Signals</h3>", ">Energy</h3>",
+                           ">Parameters</h3>", ">Origin and machine</h3>"}) {
+    const std::size_t found = page.find(text, at);
+    ASSERT_NE(found, std::string::npos) << text;
+    at = found;
+  }
   if (gnuplot().available()) {
     EXPECT_GE(count(page, "<svg class=\"plot\""), 11u);  // ten groups and the tracking error
   }
