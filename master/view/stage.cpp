@@ -74,6 +74,8 @@ class Builder {
   bool recorded_positions(const std::string& signal, std::size_t model) const;
   /// Whether the positions come from another recorded signal by a connection.
   bool is_copy(const Node& node) const;
+  /// The start pose that the scenario gives by the parameters `prefix`p0 and `prefix`quat0, if any.
+  void take_pose(const std::string& component, const std::string& prefix, Pose& X_WB) const;
   void place(StagedRobot& robot, const Node& node) const;
   void add_tools(StagedRobot& robot, const std::vector<std::size_t>& members);
   /// Whether positions of another number of joints were recorded; then with a remark.
@@ -112,6 +114,7 @@ void Builder::take_cell(const ComponentSpec& component, Settings& settings) {
       if (!fits) c = '_';
     }
     stage_.bodies.push_back({body, component.name + "." + id});
+    take_pose(component.name, id + ".", stage_.bodies.back().body.X_WB);
   }
 }
 
@@ -194,14 +197,19 @@ void Builder::add_tracks(StagedRobot& robot, const std::vector<std::size_t>& mem
   }
 }
 
+void Builder::take_pose(const std::string& component, const std::string& prefix, Pose& X_WB) const {
+  const Eigen::Quaterniond Q(X_WB.R);
+  const std::vector<double> p = given_numbers(scenario_, component, prefix + "p0", {X_WB.p.x(), X_WB.p.y(), X_WB.p.z()});
+  const std::vector<double> quat = given_numbers(scenario_, component, prefix + "quat0", {Q.w(), Q.x(), Q.y(), Q.z()});
+  if (p.size() == 3) X_WB.p = {p[0], p[1], p[2]};
+  if (quat.size() == 4 && Eigen::Map<const Eigen::Vector4d>(quat.data()).norm() > 0.5)
+    X_WB.R = Eigen::Quaterniond(quat[0], quat[1], quat[2], quat[3]).normalized().toRotationMatrix();
+}
+
 void Builder::place(StagedRobot& robot, const Node& node) const {
   robot.in_world = true;
   const std::string prefix = node.robot.empty() ? "" : node.robot + ".";
-  const std::vector<double> p = given_numbers(scenario_, node.component, prefix + "base_p0");
-  const std::vector<double> quat = given_numbers(scenario_, node.component, prefix + "base_quat0");
-  if (p.size() == 3) robot.X_WB.p = {p[0], p[1], p[2]};
-  if (quat.size() == 4 && Eigen::Map<const Eigen::Vector4d>(quat.data()).norm() > 0.5)
-    robot.X_WB.R = Eigen::Quaterniond(quat[0], quat[1], quat[2], quat[3]).normalized().toRotationMatrix();
+  take_pose(node.component, prefix + "base_", robot.X_WB);
   robot.base_p = node.prefix + "base_p";
   robot.base_quat = node.prefix + "base_quat";
 }
@@ -346,22 +354,26 @@ Stage Builder::build() {
 
 }  // namespace
 
-std::vector<double> given_numbers(const Scenario& scenario, const std::string& component, const std::string& parameter) {
-  std::vector<double> numbers;
+std::vector<double> given_numbers(const Scenario& scenario, const std::string& component, const std::string& parameter,
+                                  std::vector<double> numbers) {
   for (const ComponentSpec& spec : scenario.components) {
     if (spec.name != component) continue;
     for (const ParameterValue& value : spec.start_values) {
-      if (value.name != parameter) continue;
-      numbers.clear();
-      if (const double* real = std::get_if<double>(&value.value)) numbers.push_back(*real);
-      if (const std::int64_t* whole = std::get_if<std::int64_t>(&value.value)) numbers.push_back(static_cast<double>(*whole));
+      if (!without_element(value.name, parameter)) continue;
+      std::vector<double> given;
+      if (const double* real = std::get_if<double>(&value.value)) given.push_back(*real);
+      if (const std::int64_t* whole = std::get_if<std::int64_t>(&value.value)) given.push_back(static_cast<double>(*whole));
       if (const std::string* list = std::get_if<std::string>(&value.value)) {
         std::string words = *list;
         std::replace(words.begin(), words.end(), ',', ' ');
         std::istringstream in(words);
         for (std::string word; in >> word;) {
-          if (const std::optional<double> x = text::parse_real(word)) numbers.push_back(*x);
+          if (const std::optional<double> x = text::parse_real(word)) given.push_back(*x);
         }
+      }
+      if (value.name == parameter) numbers = given;
+      for (std::size_t i = 0; i < numbers.size() && given.size() == 1; ++i) {
+        if (value.name == parameter + "[" + std::to_string(i + 1) + "]") numbers[i] = given[0];
       }
     }
   }

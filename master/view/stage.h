@@ -78,7 +78,9 @@ Stage stage_of(const Scenario& scenario, const Recorded& recorded, std::span<con
 /// q_link, also after a component's name.
 Stage stage_of(const StagedModel& model, const Recorded& recorded);
 
-/// The values of a parameter of a component that the scenario gives, such as "0 0 0.5" as three numbers; empty if it gives none.
-std::vector<double> given_numbers(const Scenario& scenario, const std::string& component, const std::string& parameter);
+/// The values of a parameter of a component that the scenario gives, such as "0 0 0.5" as three numbers; `numbers` if it gives none, with the
+/// elements that it gives alone.
+std::vector<double> given_numbers(const Scenario& scenario, const std::string& component, const std::string& parameter,
+                                  std::vector<double> numbers = {});
 
 }  // namespace cotwin::master

@@ -267,6 +267,19 @@ TEST(Stage, ShowsTwoRobotsAtTheirPlacesInAContactWorldWithItsBodies) {
   EXPECT_THAT(stage.worlds, ElementsAre("world"));
 }
 
+TEST(Stage, PutsBodiesWhereTheScenarioPutsThem) {
+  const Stage stage = stage_of_example("04_peg_in_hole/twin.ssd", recording_of({{"robot.q", 7}}));
+  ASSERT_EQ(stage.bodies.size(), 1u);
+  EXPECT_EQ(stage.bodies[0].body.X_WB.p, Eigen::Vector3d(0.5008, 0.0495, -0.07));
+
+  const fs::path root = places::source();
+  Scenario scenario = load_scenario(root / "examples/04_peg_in_hole/twin.ssd");
+  for (const char* value : {"world.plate.p0[2]=0.25", "world.plate.quat0=0 0 0 2"}) assign(scenario, value, unit_types());
+  const Pose pose = stage_of(scenario, {}, unit_types(), {scenario.folder, root / "models"}).bodies.at(0).body.X_WB;
+  EXPECT_EQ(pose.p, Eigen::Vector3d(0.5008, 0.25, -0.07));
+  EXPECT_EQ(pose.R, Eigen::Matrix3d(Eigen::Vector3d(-1, -1, 1).asDiagonal()));
+}
+
 // Fig. 14b: twins that follow the same desired motion are one robot with ghosts, also where each has a workpiece of its own.
 TEST(Stage, ShowsStiffAndCompliantMotionAsGhosts) {
   const Stage own = stage_of_example("10_cooperation/ghosts.ssd", recording_of({{"compliant.q", 7}, {"stiff.q", 7}}));

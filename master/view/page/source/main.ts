@@ -258,10 +258,11 @@ class Page {
     this.view_all();
   }
 
-  /// The ground is at z = 0, or where robots stand whose base frame is above their foot.
+  /// The grid is at z = 0, or lower where robots stand whose base frame is above their foot. A plane of the scene is the ground where it is.
   private dress(): void {
-    const feet = this.figures.map((view) => view.foot());
-    this.stage.dress(Math.max(1.5, ...this.figures.map((view) => 1.2 * reach_of(view.robot))), this.bodies.length > 0 ? 0 : Math.min(0, ...feet));
+    const has_plane = this.data.bodies.some((body) => body.visuals.some((visual) => visual.kind === 'plane'));
+    const feet = has_plane ? [] : this.figures.filter((view) => view.figure.base_p === '').map((view) => view.foot());
+    this.stage?.dress(Math.max(1.5, ...this.figures.map((view) => 1.2 * reach_of(view.robot))), Math.min(0, ...feet));
   }
 
   private add_cues(): void {
@@ -365,7 +366,7 @@ class Page {
   private change_theme(): void {
     const dark = getComputedStyle(document.documentElement).getPropertyValue('--panel').trim() !== '#ffffff';
     document.documentElement.dataset['theme'] = dark ? 'light' : 'dark';
-    if (this.stage !== undefined) this.dress();
+    this.dress();
     for (const plot of this.plots) plot.build();
     this.update();
   }
