@@ -14,6 +14,7 @@ namespace cotwin::report {
 namespace {
 
 constexpr std::size_t kMostPlots = 24, kMostRows = 400;
+constexpr std::size_t kMostBytes = 150;  // of a value
 
 /// A table with a column per result; rows appear in the order in which they are first met.
 class Beside {
@@ -41,7 +42,7 @@ class Beside {
       }
       std::vector<Cell> cells = {Cell(row.name)};
       for (const std::string& text : row.cells) {
-        cells.emplace_back(text.empty() ? "–" : text);
+        cells.push_back(text.empty() ? Cell("–") : Cell::of_html(escaped(text, kMostBytes)));
         cells.back().is_number = row.is_number;
       }
       table.row(std::move(cells));
@@ -242,8 +243,8 @@ void write_comparison(Page& page, std::span<const Results> all, const Gnuplot& g
   page.heading(2, "Comparison");
   if (std::ranges::any_of(all, &Results::is_tuning)) compare_tunings(page, all);
   if (std::ranges::none_of(all, &Results::is_run)) return;
-  compare_parameters(page, all);
   compare_summaries(page, all);
+  compare_parameters(page, all);
   std::size_t plots = 0;
   for (std::size_t i = 1; i < all.size(); ++i) compare_two(page, all, i, gnuplot, plots);
   if (plots > kMostPlots) page.note("More signals differ than are plotted; --signals chooses them.");
