@@ -75,12 +75,12 @@ export class Browser {
     });
   }
 
-  /// Opens a file and waits until the page is ready or has failed. Returns the milliseconds from the start of loading.
-  async open(url) {
+  /// Opens a file and waits until it is ready: the page of `cotwin view`, also if it has failed. Returns the milliseconds from the start of loading.
+  async open(url, ready = "document.documentElement?.dataset.ready === 'true' || document.querySelector('.failure') !== null") {
     this.errors.length = this.requests.length = 0;
     const begin = Date.now();
     await this.#send('Page.navigate', { url });
-    await this.until("location.href !== 'about:blank' && (document.documentElement?.dataset.ready === 'true' || document.querySelector('.failure') !== null)");
+    await this.until(`location.href !== 'about:blank' && (${ready})`);
     return Date.now() - begin;
   }
 
@@ -116,8 +116,9 @@ export class Browser {
     await this.#send('Input.dispatchMouseEvent', { type, x, y, button: type === 'mouseWheel' ? 'none' : button, buttons: type === 'mouseReleased' ? 0 : 1, clickCount: 1, deltaX: 0, deltaY: delta, modifiers: shift ? 8 : 0 });
   }
 
-  async screenshot(format = 'png') {
-    return Buffer.from((await this.#send('Page.captureScreenshot', { format, quality: format === 'png' ? undefined : 80 })).data, 'base64');
+  /// `clip`: { x, y, width, height, scale }; without it the whole window.
+  async screenshot(format = 'png', clip = undefined) {
+    return Buffer.from((await this.#send('Page.captureScreenshot', { format, clip, quality: format === 'png' ? undefined : 80 })).data, 'base64');
   }
 
   async close() {
