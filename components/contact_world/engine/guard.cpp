@@ -30,6 +30,9 @@ constexpr double kNearer = 0.99;
 /// In soft contacts deeper than this, relative to the smaller body, normals jump and the springs' energy with them.
 constexpr double kDeep = 0.05;
 
+/// Bodies that overlap by more than this are named in messages.
+constexpr double kNamedOverlap = 1e-3;  // m
+
 /// Gains below the energy of this height and this speed of all bodies are no error.
 constexpr double kSmallHeight = 0.01, kSmallSpeed = 0.1;  // m, m/s
 constexpr double kSmallEnergy = 1e-6;                     // J
@@ -305,8 +308,15 @@ std::string World::fault(double gap_limit, double energy_limit) const {
   if (!(energy_limit > 0)) return {};
   const double limit = energy_limit * (guard.available + guard.fall) + w.small_energy;
   if (!(guard.excess > limit)) return {};
-  std::string where;
-  if (!w.joints.empty()) {
+  std::string where, advice = "use shorter steps";
+  const auto deepest = std::min_element(w.points.begin(), w.points.end(),
+                                        [](const ContactPoint& a, const ContactPoint& b) { return a.gap < b.gap; });
+  if (deepest != w.points.end() && deepest->gap < -kNamedOverlap) {
+    const auto body = [&](int index) { return "'" + w.scene.bodies[static_cast<std::size_t>(index)].name + "'"; };
+    where = "bodies " + body(deepest->body_a) + " and " + body(deepest->body_b) + " overlap by " +
+            text::to_text(-deepest->gap, 4) + " m";
+    advice = "start them apart, or " + advice;
+  } else if (!w.joints.empty()) {
     const std::size_t j = w.widest_joint();
     where = name(j) + " has the largest gap, " + text::to_text(w.joints[j].gap(), 4) + " m";
   } else {
@@ -315,7 +325,7 @@ std::string World::fault(double gap_limit, double energy_limit) const {
     where = "body '" + w.scene.bodies[static_cast<std::size_t>(fastest)].name + "' has the largest kinetic energy";
   }
   return "energy has grown by " + text::to_text(guard.excess, 4) + " J without work (" + where + "), expected at most " +
-         text::to_text(limit, 4) + " J (energy_limit): use shorter steps";
+         text::to_text(limit, 4) + " J (energy_limit): " + advice;
 }
 
 double World::Impl::small_energy_of(const scene::Scene& scene) {

@@ -22,6 +22,7 @@
 #include "tests/support/files.h"
 #include "tests/support/places.h"
 #include "tests/support/run_program.h"
+#include "tests/support/unit_subject.h"
 
 namespace cotwin::contact_world::hulls_test {
 namespace {
@@ -116,6 +117,39 @@ TEST(Hulls, OfExamplesAreThoseOfTheirRobots) {
   }
 }
 
+// A UR5e without torque falls onto the table that it stands on. With hulls it comes to lie there; without shapes it falls through.
+TEST(Hulls, CarryAFallingRobot) {
+  for (const std::string shapes : {"hulls", "all"}) {
+    cotwin::testing::UnitSubject world("unit:contact_world?robot=ur5e&link=outside&scene=table&robot_shapes=" + shapes);
+    world.set("q0", std::vector<double>{0, -0.5, 0.4, -0.3, 0, 0});
+    world.initialise();
+    const double start = world.real("energy");
+    double deepest = 0, gain = 0, contacts = 0;
+    for (int k = 0; k < 2000; ++k) {
+      world.step(1e-3);
+      deepest = std::max(deepest, world.real("penetration"));
+      gain = std::max(gain, world.real("energy") - start);
+      contacts = std::max(contacts, static_cast<double>(world.integer("contacts")));
+    }
+    EXPECT_LT(gain, 1e-6 * std::abs(start)) << shapes;
+    if (shapes == "all") {
+      EXPECT_EQ(contacts, 0);
+      continue;
+    }
+    EXPECT_GT(contacts, 0);
+    EXPECT_LT(deepest, 1e-4);
+    EXPECT_LT(world.joints("dq").head(3).norm(), 1e-6) << "the arm lies; its wrist, without friction, turns on";
+  }
+}
+
+// The base frame of the LWR is 0.31 m above its foot: on the table top its first link is inside the table.
+TEST(Hulls, OfARobotThatStandsInTheTableAreNamed) {
+  cotwin::testing::UnitSubject world("unit:contact_world?robot=lwr4&link=outside&scene=table&robot_shapes=hulls");
+  world.initialise();
+  EXPECT_THAT([&] { world.step(1e-3); },
+              ::testing::ThrowsMessage<Error>(::testing::HasSubstr("(bodies 'table' and 'link_1' overlap by 0.")));
+}
+
 /// How far a point is outside a shape, m; negative inside.
 double outside(const Shape& shape, const Vector3d& p_B) {
   const Vector3d p = (shape.X_BS.inverse() * p_B).cwiseAbs();
@@ -146,7 +180,10 @@ void add_box(std::vector<std::array<Vector3d, 3>>& triangles, const Vector3d& lo
   }
 }
 
-bool has_numpy() { return cotwin::testing::run_command({"python3", "-c", "import numpy"}).code == 0; }
+/// Debian's interpreter, because NumPy is Debian's.
+const std::string kPython = fs::exists("/usr/bin/python3") ? "/usr/bin/python3" : "python3";
+
+bool has_numpy() { return cotwin::testing::run_command({kPython, "-c", "import numpy"}).code == 0; }
 
 // An L: one shape around it has more than twice its volume, two have little more.
 TEST(Capsules, EncloseTheSurfaceOfAMesh) {
@@ -171,7 +208,7 @@ TEST(Capsules, EncloseTheSurfaceOfAMesh) {
   <mesh filename="package://any/l.stl" scale="0.001 0.001 0.001"/></geometry></visual></link><joint name="j" type="continuous"><parent link="base"/>
   <child link="l"/><axis xyz="0 0 1"/></joint></robot>)";
   const auto run =
-      cotwin::testing::run_command({"python3", places::source() + "/scripts/capsules.py", folder.path() / "arm.urdf"});
+      cotwin::testing::run_command({kPython, places::source() + "/scripts/capsules.py", folder.path() / "arm.urdf"});
   ASSERT_EQ(run.code, 0) << run.out << run.err;
   const robot::RobotModel model = robot::load_urdf(folder.path() / "arm.urdf");
   const std::vector<Shape> shapes = scene::hulls_of_urdf(folder.path() / "arm.urdf", model)[1];
@@ -200,7 +237,7 @@ TEST(Capsules, RefuseWhatTheyCannotEnclose) {
   const auto refusal = [&](const std::string& link) {
     std::ofstream(folder.path() / "arm.urdf") << "<robot name=\"arm\"><link name=\"base\">" << link << "</link></robot>";
     const auto run =
-        cotwin::testing::run_command({"python3", places::source() + "/scripts/capsules.py", folder.path() / "arm.urdf"});
+        cotwin::testing::run_command({kPython, places::source() + "/scripts/capsules.py", folder.path() / "arm.urdf"});
     EXPECT_NE(run.code, 0);
     EXPECT_FALSE(fs::exists(folder.path() / "arm_hulls.urdf"));
     EXPECT_EQ(run.err.find("Traceback"), std::string::npos) << run.err;
