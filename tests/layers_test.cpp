@@ -151,6 +151,7 @@ const std::map<std::string, std::vector<std::string>> kRooms = {
       "scene",
       "scene/sdf",
       "scene/urdf",
+      "distance",
       "trajectory",
       "trajectory/series",
       "control",

@@ -1,4 +1,4 @@
-#include "components/contact_world/engine/collision/convex.h"
+#include "models/distance/convex.h"
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -7,7 +7,7 @@
 
 #include "models/scene/shapes.h"
 
-namespace cotwin::contact_world {
+namespace cotwin::distance {
 
 namespace {
 
@@ -336,4 +336,4 @@ void supporting_feature(const Placed& piece, const Vector3d& d, Feature& feature
   }
 }
 
-}  // namespace cotwin::contact_world
+}  // namespace cotwin::distance

@@ -9,7 +9,7 @@
 #include "models/scene/scene.h"
 
 /// Convex collision shapes: a core, and a surface at a constant distance from it.
-namespace cotwin::contact_world {
+namespace cotwin::distance {
 
 enum class Core : std::uint8_t {
   kPlane,     // z = 0 of C, solid below
@@ -80,4 +80,4 @@ inline constexpr int kDiscCorners = 16;
 /// edges of columns are not covered.
 bool points_out_of_covered(const Placed& piece, const Eigen::Vector3d& d);
 
-}  // namespace cotwin::contact_world
+}  // namespace cotwin::distance

@@ -3,9 +3,9 @@
 #include <array>
 #include <cmath>
 
-#include "components/contact_world/engine/collision/separation.h"
+#include "models/distance/separation.h"
 
-namespace cotwin::contact_world {
+namespace cotwin::distance {
 
 namespace {
 
@@ -193,4 +193,4 @@ Separation refine(const Placed& a, const Placed& b, const Separation& start, boo
   return best;
 }
 
-}  // namespace cotwin::contact_world
+}  // namespace cotwin::distance

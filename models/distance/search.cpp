@@ -5,10 +5,11 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
-#include "components/contact_world/engine/collision/separation.h"
+#include "models/distance/separation.h"
 
-namespace cotwin::contact_world {
+namespace cotwin::distance {
 
 namespace {
 
@@ -21,15 +22,18 @@ Vector3d from_bullet(const btVector3& v) { return {v.x(), v.y(), v.z()}; }
 /// absolute and relative to the distance; the caller chooses translation and scale so that neither matters.
 class Magnified {
  public:
-  Magnified(const Placed& piece, const Vector3d& shift, double scale) : piece_(piece), shift_(shift), scale_(scale) {}
+  Magnified(const Placed& piece, const Vector3d& shift, double scale, double margin = 0)
+      : piece_(piece), shift_(shift), scale_(scale), margin_(margin) {}
   btVector3 getLocalSupportWithMargin(const btVector3& d) const {
-    return to_bullet((support(piece_, from_bullet(d)) + shift_) * scale_);
+    Vector3d p = support(piece_, from_bullet(d)) + shift_;
+    if (margin_ > 0) p += from_bullet(d).normalized() * margin_;
+    return to_bullet(p * scale_);
   }
 
  private:
   const Placed& piece_;
   const Vector3d shift_;
-  const double scale_;
+  const double scale_, margin_;  // margin: m, of a ball by which the core is grown
 };
 
 /// The Minkowski difference of A and B. (btGjkEpaSolver3_Distance would create one itself, but leaves one of its flags
@@ -40,6 +44,16 @@ MinkowskiDiff<Magnified> difference(const Magnified& A, const Magnified& B) {
   difference.m_toshape0.setIdentity();
   difference.m_toshape1.setIdentity();
   return difference;
+}
+
+/// On A and on B, of the simplex in which a successful search ended.
+std::pair<Vector3d, Vector3d> nearest_points(const GJK<Magnified>& gjk, const MinkowskiDiff<Magnified>& shape) {
+  std::pair<Vector3d, Vector3d> points{Vector3d::Zero(), Vector3d::Zero()};
+  for (U i = 0; i < gjk.m_simplex->rank; ++i) {
+    points.first += gjk.m_simplex->p[i] * from_bullet(shape.Support(gjk.m_simplex->c[i]->d, 0));
+    points.second += gjk.m_simplex->p[i] * from_bullet(shape.Support(-gjk.m_simplex->c[i]->d, 1));
+  }
+  return points;
 }
 
 double size_of(const Placed& a, const Placed& b) { return a.convex->extent.norm() + b.convex->extent.norm(); }
@@ -80,6 +94,22 @@ Separation best_guess(const Placed& a, const Placed& b, double margin) {
   return best;
 }
 
+Separation approach(const Placed& a, const Placed& b, const Separation& start, double left) {
+  const double margin = std::max(0.0, start.gap - left);
+  const double scale = margin > 0 ? 1 / left : 1e3 / size_of(a, b);
+  const Magnified A(a, Vector3d::Zero(), scale), B(b, Vector3d::Zero(), scale, margin);
+  const MinkowskiDiff<Magnified> shape = difference(A, B);
+  GJK<Magnified> gjk(A, B);
+  if (gjk.Evaluate(shape, to_bullet(-start.n)) != eGjkValid) return start;
+  const auto [p_a, p_b] = nearest_points(gjk, shape);
+  const Vector3d n = (p_b - p_a).stableNormalized();
+  const double gap = gap_along(a, b, n);
+  if (!(gap > start.gap)) return start;
+  Vector3d nearest = Vector3d::Zero();
+  for (U i = 0; i < gjk.m_simplex->rank; ++i) nearest += gjk.m_simplex->p[i] * support(b, -from_bullet(gjk.m_simplex->c[i]->d));
+  return {n, gap, nearest};
+}
+
 Separation climb(const Placed& a, const Placed& b, const Separation& start) {
   // The cores are moved to a distance of 10⁻⁵ of their size, which is scaled to 1. Bullet's relative error of 10⁻⁴ is then 10⁻⁹
   // of the size; the error of the gap is smaller still, because the distance is stationary in n. The first round measures
@@ -96,11 +126,7 @@ Separation climb(const Placed& a, const Placed& b, const Separation& start) {
     const MinkowskiDiff<Magnified> shape = difference(A, B);
     GJK<Magnified> gjk(A, B);
     if (gjk.Evaluate(shape, to_bullet(-now.n)) != eGjkValid) break;
-    Vector3d p_a = Vector3d::Zero(), p_b = Vector3d::Zero();
-    for (U i = 0; i < gjk.m_simplex->rank; ++i) {
-      p_a += gjk.m_simplex->p[i] * from_bullet(shape.Support(gjk.m_simplex->c[i]->d, 0));
-      p_b += gjk.m_simplex->p[i] * from_bullet(shape.Support(-gjk.m_simplex->c[i]->d, 1));
-    }
+    const auto [p_a, p_b] = nearest_points(gjk, shape);
     const double length = (p_b - p_a).norm();
     if (!(length > 1e-3)) break;  // the scaled distance is at least 1
     const Vector3d n = (p_b - p_a) / length;
@@ -128,4 +154,4 @@ Separation expand(const Placed& a, const Placed& b, const Separation& start) {
   return {n.normalized(), gap, support(b, -n)};
 }
 
-}  // namespace cotwin::contact_world
+}  // namespace cotwin::distance

@@ -1,12 +1,11 @@
-#include "components/contact_world/engine/collision/separation.h"
-#include "components/contact_world/engine/solvers/numbers.h"
+#include "models/distance/separation.h"
 
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
-namespace cotwin::contact_world {
+namespace cotwin::distance {
 
 namespace {
 
@@ -78,13 +77,13 @@ Vector3d nearest_on_edge(const scene::Polytope& polytope, const scene::Polytope:
 }
 
 Separation from_polytope(const scene::Polytope& polytope, const Vector3d& p) {
-  Separation best{Vector3d::UnitZ(), -kInfinity, Vector3d::Zero()};
+  Separation best{Vector3d::UnitZ(), -scene::kInfinity, Vector3d::Zero()};
   for (const scene::Polytope::Face& face : polytope.faces) {
     const double height = face.n.dot(p) - face.d;
     if (height > best.gap) best = {face.n, height, p};
   }
   if (best.gap <= 0) return best;
-  double least = kInfinity;
+  double least = scene::kInfinity;
   for (const scene::Polytope::Face& face : polytope.faces) {  // points above a face
     const double height = face.n.dot(p) - face.d;
     if (height <= 0 || height >= least) continue;
@@ -140,10 +139,10 @@ Separation between_boxes(const Placed& a, const Placed& b, double margin) {
 /// Largest gap over the faces of `own`, in its frame; `vertices`: those of the other polytope in its own frame.
 Separation over_faces(const scene::Polytope& own, const std::vector<Vector3d>& vertices, const Matrix3d& R, const Vector3d& t,
                       double margin) {
-  Separation best{Vector3d::UnitZ(), -kInfinity, Vector3d::Zero()};
+  Separation best{Vector3d::UnitZ(), -scene::kInfinity, Vector3d::Zero()};
   for (const scene::Polytope::Face& face : own.faces) {
     const Vector3d n = R.transpose() * face.n;  // in the other polytope's frame
-    double least = kInfinity;
+    double least = scene::kInfinity;
     for (const Vector3d& v : vertices) least = std::min(least, n.dot(v));
     const double gap = least + face.n.dot(t) - face.d;
     if (gap > best.gap) best.n = face.n, best.gap = gap;
@@ -155,7 +154,7 @@ Separation over_faces(const scene::Polytope& own, const std::vector<Vector3d>& v
 /// Considers pairs of edges whose arcs on the Gauss sphere cross; only these are edges of the Minkowski difference.
 Separation over_edges(const scene::Polytope& a, const scene::Polytope& b, const Matrix3d& R_AB, const Vector3d& t,
                       double margin) {
-  Separation best{Vector3d::UnitZ(), -kInfinity, Vector3d::Zero()};
+  Separation best{Vector3d::UnitZ(), -scene::kInfinity, Vector3d::Zero()};
   for (const scene::Polytope::Edge& edge_b : b.edges) {
     const Vector3d c = -(R_AB * b.faces[edge_b.faces[0]].n), d = -(R_AB * b.faces[edge_b.faces[1]].n);
     const Vector3d q = R_AB * b.vertices[edge_b.vertices[0]] + t;
@@ -247,4 +246,4 @@ Separation between_segments(const Vector3d& p_a, const Vector3d& d_a, double hal
   return towards(p_a + t * d_a, p_b + s * d_b, unit(across, d_a.unitOrthogonal()));
 }
 
-}  // namespace cotwin::contact_world
+}  // namespace cotwin::distance

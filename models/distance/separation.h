@@ -1,9 +1,9 @@
 #pragma once
 #include <Eigen/Core>
 
-#include "components/contact_world/engine/collision/convex.h"
+#include "models/distance/convex.h"
 
-namespace cotwin::contact_world {
+namespace cotwin::distance {
 
 /// Separation of two convex sets along the best direction found.
 struct Separation {
@@ -35,6 +35,10 @@ Separation best_guess(const Placed& a, const Placed& b, double margin);
 /// that no direction is better for separated cores. On entry it describes `start`, on return the result.
 Separation refine(const Placed& a, const Placed& b, const Separation& start, bool& certain, Feature& scratch);
 
+/// A better direction of separated cores, with p_b, by Bullet's GJK from anywhere; `start` if there is none. Where `start` separates the cores by
+/// more than `left` (m), b is grown by a ball until that is left, so that GJK's tolerance of 1e-4 refers to what is left and not to the distance.
+Separation approach(const Placed& a, const Placed& b, const Separation& start, double left);
+
 /// Ascends from `start` to the best direction, with p_b: exact for separated cores, a local optimum for interpenetrating ones.
 /// Bullet's GJK measures the cores after moving them apart along `start`.
 Separation climb(const Placed& a, const Placed& b, const Separation& start);
@@ -42,4 +46,4 @@ Separation climb(const Placed& a, const Placed& b, const Separation& start);
 /// A direction for deep interpenetration by Bullet's EPA; returns `start` for separated cores or if EPA fails.
 Separation expand(const Placed& a, const Placed& b, const Separation& start);
 
-}  // namespace cotwin::contact_world
+}  // namespace cotwin::distance

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <limits>
 
-#include "components/contact_world/engine/collision/separation.h"
+#include "components/contact_world/engine/collision/shapes.h"
 #include "components/contact_world/engine/solvers/numbers.h"
 
 namespace cotwin::contact_world {

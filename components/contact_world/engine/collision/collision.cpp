@@ -5,9 +5,9 @@
 #include <cmath>
 #include <utility>
 
-#include "components/contact_world/engine/collision/convex.h"
 #include "components/contact_world/engine/collision/pair.h"
 #include "components/contact_world/engine/collision/patch.h"
+#include "components/contact_world/engine/collision/shapes.h"
 #include "components/contact_world/engine/collision/terrain.h"
 
 namespace cotwin::contact_world {

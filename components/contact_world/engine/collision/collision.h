@@ -5,7 +5,7 @@
 #include <span>
 #include <vector>
 
-#include "components/contact_world/engine/collision/convex.h"
+#include "components/contact_world/engine/collision/shapes.h"
 #include "models/mechanics/pose.h"
 #include "models/scene/scene.h"
 

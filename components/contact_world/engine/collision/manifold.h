@@ -4,7 +4,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "components/contact_world/engine/collision/convex.h"
+#include "components/contact_world/engine/collision/shapes.h"
 
 namespace cotwin::contact_world {
 

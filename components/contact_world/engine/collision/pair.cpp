@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "components/contact_world/engine/collision/separation.h"
+#include "components/contact_world/engine/collision/shapes.h"
 #include "components/contact_world/engine/solvers/numbers.h"
 
 namespace cotwin::contact_world {

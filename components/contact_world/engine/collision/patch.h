@@ -2,8 +2,8 @@
 #include <Eigen/Core>
 #include <vector>
 
-#include "components/contact_world/engine/collision/convex.h"
 #include "components/contact_world/engine/collision/manifold.h"
+#include "components/contact_world/engine/collision/shapes.h"
 
 namespace cotwin::contact_world {
 

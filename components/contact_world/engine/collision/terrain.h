@@ -4,10 +4,10 @@
 #include <cstdint>
 #include <vector>
 
-#include "components/contact_world/engine/collision/convex.h"
 #include "components/contact_world/engine/collision/manifold.h"
 #include "components/contact_world/engine/collision/pair.h"
 #include "components/contact_world/engine/collision/patch.h"
+#include "components/contact_world/engine/collision/shapes.h"
 
 namespace cotwin::contact_world {
 

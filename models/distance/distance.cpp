@@ -1,0 +1,217 @@
+#include "models/distance/distance.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <string>
+#include <utility>
+
+#include "models/distance/separation.h"
+#include "models/foundation/support/error.h"
+
+namespace cotwin::distance {
+namespace {
+
+using Eigen::Vector3d;
+
+Distance along(const Separation& s, double round_a, double round_b) {
+  const double d = s.gap - round_a - round_b;
+  const Vector3d p_b = s.p_b - round_b * s.n;
+  return {d, s.n, p_b - d * s.n, p_b};
+}
+
+/// Of cores without a closed form.
+Separation of_cores(const Placed& a, const Placed& b, Feature& scratch) {
+  Separation s;
+  const Vector3d way = b.p - a.p;
+  if (way.norm() > 0) s.n = way.normalized();
+  s.gap = gap_along(a, b, s.n);
+  s.p_b = support(b, -s.n);
+  const double size = a.convex->extent.norm() + b.convex->extent.norm();
+  for (const double left : {scene::kInfinity, 1e-4, 1e-6, 1e-8, 1e-8}) {
+    s = approach(a, b, s, left * size);
+    if (!(s.gap > 0)) break;
+    bool certain = false;
+    const Separation refined = refine(a, b, s, certain, scratch);
+    if (certain) return refined;
+    if (refined.gap > s.gap) s = {refined.n, refined.gap, s.p_b};
+  }
+  if (s.gap > 0) return s;
+  // They intersect, or nearly so.
+  constexpr std::size_t kMany = 4000;
+  const bool polytopes = a.convex->core == Core::kPolytope && b.convex->core == Core::kPolytope;
+  if (polytopes && a.convex->polytope.edges.size() * b.convex->polytope.edges.size() < kMany) {
+    const Separation axes = along_axes(a, b, scene::kInfinity);
+    if (axes.gap > s.gap) s = axes;
+    s.p_b = support(b, -s.n);
+    return s;
+  }
+  for (const Separation& other : {best_guess(a, b, scene::kInfinity), expand(a, b, s)}) {
+    bool certain = false;
+    const Separation found = refine(a, b, climb(a, b, other), certain, scratch);
+    if (found.gap > s.gap) s = found;
+  }
+  return s;
+}
+
+Distance ordered(const Placed& a, const Placed& b, Feature& scratch) {
+  const double round_a = a.convex->round, round_b = b.convex->round;
+  if (a.convex->core == Core::kPlane) {
+    if (b.convex->core == Core::kPlane) return {};
+    const Vector3d n = a.R.col(2), lowest = support(b, -n);
+    return along({n, n.dot(lowest - a.p), lowest}, 0, round_b);
+  }
+  if (a.convex->core == Core::kPoint) {
+    const Separation s = of_point(b, a.p);
+    return along({-s.n, s.gap, a.p - s.n * s.gap}, round_a, round_b);
+  }
+  if (b.convex->core == Core::kSegment)
+    return along(between_segments(a.p, a.R.col(2), a.convex->half, b.p, b.R.col(2), b.convex->half), round_a, round_b);
+  return along(of_cores(a, b, scratch), round_a, round_b);
+}
+
+/// Rounding of lower bounds, relative.
+constexpr double kRounding = 1e-12;
+
+/// Half sizes of a box about C's origin that encloses a piece, along the axes of the body.
+Vector3d half_sizes(const Convex& c) {
+  Vector3d half;
+  const Placed piece{&c, c.X_BC.R, Vector3d::Zero()};
+  for (Eigen::Index k = 0; k < 3; ++k) {
+    const Vector3d axis = Vector3d::Unit(k);
+    half[k] = std::max(support(piece, axis)[k], -support(piece, -axis)[k]) + c.round;
+  }
+  return half;
+}
+
+/// A lower bound of the distance of a ball from a box about the origin.
+double from_box(const Vector3d& half, const Vector3d& centre, double radius) {
+  const Vector3d beyond = centre.cwiseAbs() - half;
+  const double inside = beyond.maxCoeff();
+  return (inside > 0 ? beyond.cwiseMax(0).norm() : inside) - radius;
+}
+
+}  // namespace
+
+Distance distance(const Placed& a, const Placed& b, Feature& scratch) {
+  if (a.convex->core <= b.convex->core) return ordered(a, b, scratch);
+  const Distance s = ordered(b, a, scratch);
+  return {s.d, -s.n, s.p_b, s.p_a};
+}
+
+Solid::Solid(std::span<const scene::Shape> shapes) {
+  std::vector<std::uint32_t> bounded;
+  corners_ = kDiscCorners;
+  for (const scene::Shape& shape : shapes) {
+    if (shape.type == scene::ShapeType::kHeightmap)
+      throw Error("shape '" + shape.name + "'", "is a heightmap, whose distance is not measured; expected other shapes");
+    const auto k = static_cast<std::uint32_t>(pieces_.size());
+    pieces_.push_back(make_convex(shape));
+    present_.push_back(shape.tool.empty() ? 1 : 0);
+    const Convex& piece = pieces_.back();
+    for (const auto& face : piece.polytope.faces) corners_ = std::max<std::size_t>(corners_, face.count);
+    (piece.core == Core::kPlane ? planes_ : bounded).push_back(k);
+    radius_ = std::max(radius_,
+                       piece.core == Core::kPlane ? scene::kInfinity : piece.X_BC.p.norm() + piece.extent.norm() + piece.round);
+  }
+  if (!bounded.empty()) build(bounded);
+  for (std::size_t halves = bounded.size(); halves > 1; halves = (halves + 1) / 2) ++depth_;
+}
+
+/// Halves the pieces by the middles of their boxes along the longest side.
+std::int32_t Solid::build(std::span<std::uint32_t> pieces) {
+  Vector3d low = Vector3d::Constant(scene::kInfinity), high = -low, first = low, last = high;
+  for (const std::uint32_t k : pieces) {
+    const Vector3d &p = pieces_[k].X_BC.p, half = half_sizes(pieces_[k]);
+    low = low.cwiseMin(p - half);
+    high = high.cwiseMax(p + half);
+    first = first.cwiseMin(p);
+    last = last.cwiseMax(p);
+  }
+  Node node;
+  node.middle = (low + high) / 2;
+  node.half = (high - low) / 2;
+  node.radius = node.half.norm();
+  if (pieces.size() == 1) {
+    const Convex& c = pieces_[pieces[0]];
+    node.piece = pieces[0];
+    node.radius = std::min(node.radius, c.extent.norm() + c.round);
+  } else {
+    Eigen::Index axis = 0;
+    (last - first).maxCoeff(&axis);
+    const std::size_t middle = pieces.size() / 2;
+    std::ranges::nth_element(pieces, pieces.begin() + static_cast<std::ptrdiff_t>(middle),
+                             [&](std::uint32_t i, std::uint32_t j) {
+                               const double a = pieces_[i].X_BC.p[axis], b = pieces_[j].X_BC.p[axis];
+                               return a != b ? a < b : i < j;
+                             });
+    node.left = build(pieces.first(middle));
+    node.right = build(pieces.subspan(middle));
+  }
+  nodes_.push_back(node);
+  return static_cast<std::int32_t>(nodes_.size()) - 1;
+}
+
+void Finder::reserve(const Solid& solid) {
+  depth_ = std::max(depth_, solid.depth_);
+  stack_.reserve(2 * depth_ + 2);  // each step leaves one more, and there are two trees to descend
+  scratch_.corners.reserve(solid.corners_);
+}
+
+Distance Finder::find(const Solid& a, const Pose& X_WA, const Solid& b, const Pose& X_WB, double most) {
+  Distance best;
+  const auto try_pieces = [&](std::uint32_t i, std::uint32_t j) {
+    if (a.present_[i] == 0 || b.present_[j] == 0) return;
+    const Convex &piece_a = a.pieces_[i], &piece_b = b.pieces_[j];
+    // About a place near both: far from the origin of W the rounding is larger.
+    const Vector3d origin = piece_a.core == Core::kPlane ? X_WB * piece_b.X_BC.p : X_WA * piece_a.X_BC.p;
+    const Distance found = distance({&piece_a, X_WA.R * piece_a.X_BC.R, X_WA * piece_a.X_BC.p - origin},
+                                    {&piece_b, X_WB.R * piece_b.X_BC.R, X_WB * piece_b.X_BC.p - origin}, scratch_);
+    if (found.d > most || !(found.d < best.d)) return;
+    best = {found.d, found.n, found.p_a + origin, found.p_b + origin};
+    most = found.d;
+  };
+  for (const std::uint32_t i : a.planes_) {
+    for (std::uint32_t j = 0; j < b.pieces_.size(); ++j) try_pieces(i, j);
+  }
+  for (const std::uint32_t j : b.planes_) {
+    for (std::uint32_t i = 0; i < a.pieces_.size(); ++i) try_pieces(i, j);
+  }
+  if (a.nodes_.empty() || b.nodes_.empty()) return best;
+  const Pose X_AB = X_WA.inverse() * X_WB;
+  const auto lower_bound = [&](const Solid::Node& of_a, const Solid::Node& of_b) {
+    const Vector3d b_in_A = X_AB * of_b.middle - of_a.middle;
+    const double balls = b_in_A.norm() - of_a.radius - of_b.radius;
+    if (balls > most) return balls;
+    const Vector3d a_in_B = -(X_AB.R.transpose() * b_in_A);
+    return std::max({balls, from_box(of_a.half, b_in_A, of_b.radius), from_box(of_b.half, a_in_B, of_a.radius)});
+  };
+  const auto last = [](const Solid& solid) { return static_cast<std::int32_t>(solid.nodes_.size()) - 1; };
+  const auto at = [](const Solid& solid, std::int32_t k) -> const Solid::Node& {
+    return solid.nodes_[static_cast<std::size_t>(k)];
+  };
+  stack_.clear();
+  stack_.push_back({last(a), last(b), lower_bound(a.nodes_.back(), b.nodes_.back())});
+  while (!stack_.empty()) {
+    const Step step = stack_.back();
+    stack_.pop_back();
+    // Bounds of deep overlaps are equal to the depth up to rounding.
+    if (step.least > most + kRounding * std::abs(most)) continue;
+    const Solid::Node &of_a = at(a, step.a), &of_b = at(b, step.b);
+    if (of_a.left < 0 && of_b.left < 0) {
+      try_pieces(of_a.piece, of_b.piece);
+      continue;
+    }
+    const bool divide_a = of_b.left < 0 || (of_a.left >= 0 && of_a.radius > of_b.radius);
+    Step near{divide_a ? of_a.left : step.a, divide_a ? step.b : of_b.left, 0};
+    Step far{divide_a ? of_a.right : step.a, divide_a ? step.b : of_b.right, 0};
+    near.least = lower_bound(at(a, near.a), at(b, near.b));
+    far.least = lower_bound(at(a, far.a), at(b, far.b));
+    if (far.least < near.least) std::swap(near, far);
+    stack_.push_back(far);
+    stack_.push_back(near);
+  }
+  return best;
+}
+
+}  // namespace cotwin::distance

@@ -1,0 +1,78 @@
+#pragma once
+#include <Eigen/Core>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "models/distance/convex.h"
+#include "models/mechanics/pose.h"
+#include "models/scene/scene.h"
+
+/// How near shapes are: between two convex ones, and between bodies of many, whose shapes are in a tree of boxes.
+namespace cotwin::distance {
+
+/// The shortest way from a to b.
+struct Distance {
+  double d = scene::kInfinity;  // m; negative: they overlap, and moving b by -d n separates them
+  Eigen::Vector3d n = Eigen::Vector3d::UnitZ();
+  Eigen::Vector3d p_a = Eigen::Vector3d::Zero(), p_b = Eigen::Vector3d::Zero();  // on the surfaces, p_b = p_a + d n
+};
+
+/// The signed distance of two shapes, in the frame of their poses. Separated ones: spheres, capsules and boxes to rounding, others to 1e-9 of their size
+/// (slender hulls to 1e-7), points of curved surfaces to 1e-6. Depths of spheres, and of polytopes with fewer than 4000 pairs of edges, are the
+/// shortest way out; others are the shortest that was found. Two planes have the distance infinity. `scratch` has room for the corners of a face.
+/// Neither is a height field. Allocates nothing.
+Distance distance(const Placed& a, const Placed& b, Feature& scratch);
+
+/// The shapes of a body, in a tree of boxes in the frame of the body.
+class Solid {
+ public:
+  /// Throws Error for a hull without volume and for height fields.
+  explicit Solid(std::span<const scene::Shape> shapes);
+
+  bool empty() const { return pieces_.empty(); }
+  /// Of the ball about the frame's origin that encloses the shapes, m; infinity with a plane.
+  double radius() const { return radius_; }
+  const std::vector<Convex>& pieces() const { return pieces_; }
+  /// The shapes of tools are absent at first. Piece k is shape k.
+  void set_present(std::size_t piece, bool present) { present_[piece] = present ? 1 : 0; }
+
+ private:
+  friend class Finder;
+  struct Node {
+    Eigen::Vector3d middle, half;        // box in the frame of the body
+    double radius = 0;                   // of the ball about its middle
+    std::int32_t left = -1, right = -1;  // nodes; -1: a leaf with `piece`
+    std::uint32_t piece = 0;
+  };
+  std::int32_t build(std::span<std::uint32_t> pieces);
+
+  std::vector<Convex> pieces_;
+  std::vector<char> present_;
+  std::vector<Node> nodes_;            // the root is the last one
+  std::vector<std::uint32_t> planes_;  // pieces that are in no box
+  double radius_ = 0;
+  std::size_t depth_ = 0, corners_ = 0;  // of the tree; of the largest face
+};
+
+/// Finds the nearest points of two bodies.
+class Finder {
+ public:
+  /// Allocates for these bodies.
+  void reserve(const Solid& solid);
+  /// The distance of two bodies if it is at most `most`, otherwise infinity. Equal arguments give equal bits. Allocates nothing.
+  Distance find(const Solid& a, const Pose& X_WA, const Solid& b, const Pose& X_WB, double most = scene::kInfinity);
+
+ private:
+  struct Step {
+    std::int32_t a, b;
+    double least;  // lower bound of the distance
+  };
+
+  std::vector<Step> stack_;
+  std::size_t depth_ = 0;  // of the deepest tree
+  Feature scratch_;
+};
+
+}  // namespace cotwin::distance
