@@ -1,7 +1,7 @@
 #include "components/contact_world/assemble.h"
 
-#include "components/contact_world/robot_links.h"
 #include "models/foundation/support/error.h"
+#include "models/scene/robot_links.h"
 
 namespace cotwin::contact_world {
 
@@ -20,7 +20,7 @@ Assembled assemble(scene::Scene& scene, const robot::RobotModel& robot, const Po
   const std::size_t all = robot.bodies.size();
   std::vector<Pose> X_WL(all);
   std::vector<Twist> V_WL(all);
-  place_links(robot, X_WB, q, dq, X_WL, V_WL);
+  scene::place_links(robot, X_WB, q, dq, X_WL, V_WL);
 
   Assembled parts;
   parts.base = scene.bodies.size();
@@ -50,7 +50,7 @@ Assembled assemble(scene::Scene& scene, const robot::RobotModel& robot, const Po
     joint.child = static_cast<int>(parts.bodies[i]);
     joint.X_PJ = from.X_PJ;
     joint.axis = from.axis;
-    joint.q = position_of(robot, i, q);
+    joint.q = scene::position_of(robot, i, q);
     if (i < n) {  // the limits of a leader are those of its group
       joint.q_min = from.q_min;
       joint.q_max = from.q_max;

@@ -6,10 +6,10 @@
 #include <map>
 
 #include "components/contact_world/parts.h"
-#include "components/contact_world/robot_links.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
 #include "models/robot/start.h"
+#include "models/scene/robot_links.h"
 
 namespace cotwin::contact_world {
 namespace {
@@ -109,7 +109,7 @@ void ContactWorld::build() {
   for (const auto& robot : robots_) {
     Robot& r = *robot;
     const bool outside = r.link == Link::kOutside;
-    r.X_WB = floating_ && !outside ? pose_of_input(place_, r.prefix, r.base_p, r.base_quat)
+    r.X_WB = floating_ && !outside ? pose_of_input(place_, r.prefix, "base_quat", r.base_p, r.base_quat)
                                    : pose_of(place_ + "." + r.prefix + "base_quat0", r.base_p0, r.base_quat0);
     const Values& q = outside ? r.q0 : r.q;
     const Values& dq = outside ? r.dq0 : r.dq;
@@ -260,8 +260,8 @@ void ContactWorld::set_bodies(Robot& r) {
 /// the contacts, and the mean contact torque is the τ_e of the same step of the drive train. The prediction makes stiff
 /// contacts stable. The next step starts from the drive train's result, not from the prediction.
 void ContactWorld::set_links(Robot& r, double h) {
-  if (floating_) r.X_WB = pose_of_input(place_, r.prefix, r.base_p, r.base_quat);
-  place_links(r.placed->model, r.X_WB, r.q, r.dq, r.X_WL, r.V_WL);
+  if (floating_) r.X_WB = pose_of_input(place_, r.prefix, "base_quat", r.base_p, r.base_quat);
+  scene::place_links(r.placed->model, r.X_WB, r.q, r.dq, r.X_WL, r.V_WL);
   if (floating_) {
     const Eigen::Vector3d v = vector3(r.base_v), w = vector3(r.base_w);
     Twist V_WB;
@@ -377,7 +377,7 @@ void ContactWorld::add_contact(int body, const Eigen::Vector3d& p_W, const Eigen
     if (link == r.parts.bodies.end()) continue;
     add_to_robot();
     vector3(r.f_c) += f_W;
-    add_joint_torques(r.placed->model, r.X_WL, static_cast<int>(link - r.parts.bodies.begin()), p_W, f_W, r.tau_e);
+    scene::add_joint_torques(r.placed->model, r.X_WL, static_cast<int>(link - r.parts.bodies.begin()), p_W, f_W, r.tau_e);
     return;
   }
 }

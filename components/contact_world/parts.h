@@ -8,7 +8,8 @@
 #include "components/contact_world/assemble.h"
 #include "components/contact_world/contact_world.h"
 #include "components/contact_world/foundation.h"
-#include "components/contact_world/port_values.h"
+#include "models/foundation/support/text.h"
+#include "models/mechanics/pose_values.h"
 #include "models/robot/body_parameters.h"
 #include "models/robot/dynamics.h"
 #include "models/robot/start.h"
@@ -19,7 +20,7 @@ namespace cotwin::contact_world {
 struct ContactWorld::Robot {
   Robot(const scene::PlacedRobot& robot)
       : placed(&robot),
-        prefix(robot.name.empty() ? "" : identifier(robot.name) + "."),
+        prefix(robot.name.empty() ? "" : text::identifier(robot.name) + "."),
         n(static_cast<std::size_t>(robot.model.n())),
         inertias(robot.model),
         X_WL(robot.model.bodies.size()),
@@ -79,7 +80,7 @@ struct ContactWorld::Robot {
 
 struct ContactWorld::Body {
   Body(const std::string& place, const scene::Body& body)
-      : name(identifier(body.name)), motion(body.motion), foundation(place, name, body) {}
+      : name(text::identifier(body.name)), motion(body.motion), foundation(place, name, body) {}
 
   std::string name, prefix;
   std::size_t index;  // in the world

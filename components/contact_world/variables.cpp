@@ -160,7 +160,7 @@ void ContactWorld::declare(Variables& v) {
               "number of tools attached or detached so far; changed bodies are in force at once");
     Robot& r = *robot;
     for (std::size_t k = 0; k < r.tools.size(); ++k) {
-      v.tunable(r.prefix + "tool." + identifier(r.tools[k]), r.tools_wanted[k], "1",
+      v.tunable(r.prefix + "tool." + text::identifier(r.tools[k]), r.tools_wanted[k], "1",
                 "1 while the collision shapes of tool " + r.tools[k] + " are there, else 0")
           .range(0, 1);
     }

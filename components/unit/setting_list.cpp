@@ -98,7 +98,7 @@ SettingList::Declared SettingList::robot(std::string description, bool with_mass
   return robot;
 }
 
-void SettingList::cell() {
+void SettingList::cell(std::vector<std::string> shapes) {
   text("scene", "none", "bodies around the robots: a name in models/scenes, a path to an SDF file, or none");
   text("robot", "", "the robot, whose variables have no prefix: a name in models/robots, or a path to a URDF file");
   text("robots", "",
@@ -106,7 +106,7 @@ void SettingList::cell() {
        "name and a dot");
   unphysical();
   choice(
-      "robot_shapes", {"all", "hulls", "none"},
+      "robot_shapes", std::move(shapes),
       "collision shapes of the robots' links; all: those of the URDF; hulls: enclosing shapes of hulls.urdf or NAME_hulls.urdf "
       "beside it, if there is such a file; none: only tools touch something");
   joints_of_robot("; with several robots, robot/joint");

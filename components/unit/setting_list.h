@@ -56,8 +56,9 @@ class SettingList {
   /// The settings that Settings::robot() reads: `robot`, `lock`, `passive` and, if the unit uses the robot's
   /// masses, `unphysical`.
   Declared robot(std::string description, bool with_masses);
-  /// The settings that Settings::cell() reads: `scene`, `robot`, `robots`, `unphysical`, `robot_shapes`, `lock`, `passive`.
-  void cell();
+  /// The settings that Settings::cell() reads: `scene`, `robot`, `robots`, `unphysical`, `robot_shapes` with these choices, `lock`,
+  /// `passive`.
+  void cell(std::vector<std::string> shapes = {"all", "hulls", "none"});
 
   std::span<const Setting> all() const { return list_; }
   auto begin() const { return list_.begin(); }

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <array>
-#include <cctype>
 #include <cmath>
 #include <set>
 
@@ -128,12 +127,7 @@ struct Tools::Carrier {
   }
   /// The variable that says whether the tool's collision shapes are there; nullptr if it has none.
   const Variable* shapes_of(const std::string& tool) const {
-    std::string id = tool;
-    std::replace_if(
-        id.begin(), id.end(),
-        [](char x) { return !(std::isalnum(static_cast<unsigned char>(x)) != 0 || x == '_' || x == '.'); }, '_');
-    if (id.front() >= '0' && id.front() <= '9') id.insert(0, "_");
-    return kind == Kind::kPlant ? find_real(member->variables(), prefix + "tool." + id, 1) : nullptr;
+    return kind == Kind::kPlant ? find_real(member->variables(), prefix + "tool." + text::identifier(tool), 1) : nullptr;
   }
   bool has(const std::string& name) const {
     return std::any_of(mounted.begin(), mounted.end(), [&](const Part& part) { return part.name == name; });

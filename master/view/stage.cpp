@@ -108,11 +108,7 @@ void Builder::take_cell(const ComponentSpec& component, Settings& settings) {
         {component.name, prefix, placed.name, add_model(placed.model, i < files.size() ? files[i] : fs::path()), true});
   }
   for (const scene::Body& body : cell.scene.bodies) {
-    std::string id = body.name;  // as the contact world names its variables
-    for (char& c : id) {
-      const bool fits = (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' || c == '.';
-      if (!fits) c = '_';
-    }
+    const std::string id = text::identifier(body.name);
     stage_.bodies.push_back({body, component.name + "." + id});
     take_pose(component.name, id + ".", stage_.bodies.back().body.X_WB);
   }

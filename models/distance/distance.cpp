@@ -114,7 +114,12 @@ Solid::Solid(std::span<const scene::Shape> shapes) {
     radius_ = std::max(radius_,
                        piece.core == Core::kPlane ? scene::kInfinity : piece.X_BC.p.norm() + piece.extent.norm() + piece.round);
   }
-  if (!bounded.empty()) build(bounded);
+  if (!bounded.empty()) {
+    const Node& root = nodes_[static_cast<std::size_t>(build(bounded))];
+    middle_ = root.middle;
+    radius_ = root.radius;
+  }
+  if (!planes_.empty()) radius_ = scene::kInfinity;
   for (std::size_t halves = bounded.size(); halves > 1; halves = (halves + 1) / 2) ++depth_;
 }
 

@@ -32,7 +32,10 @@ class Solid {
   explicit Solid(std::span<const scene::Shape> shapes);
 
   bool empty() const { return pieces_.empty(); }
-  /// Of the ball about the frame's origin that encloses the shapes, m; infinity with a plane.
+  /// The radius of the ball about the frame's origin that encloses the shapes, m; infinity with a plane.
+  double reach() const { return reach_; }
+  /// A smaller ball around them: its middle in the frame of the body, and its radius.
+  const Eigen::Vector3d& middle() const { return middle_; }
   double radius() const { return radius_; }
   const std::vector<Convex>& pieces() const { return pieces_; }
   /// The shapes of tools are absent at first. Piece k is shape k.
@@ -52,7 +55,8 @@ class Solid {
   std::vector<char> present_;
   std::vector<Node> nodes_;            // the root is the last one
   std::vector<std::uint32_t> planes_;  // pieces that are in no box
-  double radius_ = 0;
+  double reach_ = 0, radius_ = 0;
+  Eigen::Vector3d middle_ = Eigen::Vector3d::Zero();
   std::size_t depth_ = 0, corners_ = 0;  // of the tree; of the largest face
 };
 

@@ -112,4 +112,14 @@ std::string closest(std::string_view wanted, const std::vector<std::string>& can
   return best;
 }
 
+std::string identifier(const std::string& name) {
+  std::string id = name;
+  for (char& c : id) {
+    const bool fits = (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' || c == '.';
+    if (!fits) c = '_';
+  }
+  if (id.empty() || (id.front() >= '0' && id.front() <= '9')) id.insert(0, "_");
+  return id;
+}
+
 }  // namespace cotwin::text

@@ -28,6 +28,9 @@ std::string joined(const std::vector<std::string>& words, std::string_view separ
 /// "1 2.5 -3", each as to_text writes it.
 std::string joined(std::span<const double> numbers);
 
+/// Valid name of a variable: replaces every character other than a letter, digit, dot or underscore by an underscore.
+std::string identifier(const std::string& name);
+
 /// The `candidates` closest to `wanted` by edit distance, for "did you mean …"; empty if none is close.
 std::string closest(std::string_view wanted, const std::vector<std::string>& candidates);
 

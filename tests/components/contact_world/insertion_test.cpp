@@ -13,9 +13,9 @@
 #include <utility>
 #include <vector>
 
-#include "components/contact_world/robot_links.h"
 #include "components/unit/unit_table.h"
 #include "models/robot/urdf/urdf.h"
+#include "models/scene/robot_links.h"
 #include "tests/support/places.h"
 
 namespace cotwin::insertion_test {
@@ -35,7 +35,7 @@ constexpr double kCutoff = 40;             // Hz, of the measured external torqu
 Vector3d tip(const robot::RobotModel& model, std::span<const double> q, std::vector<Pose>& X_WL) {
   std::vector<Twist> V_WL(7);
   const std::vector<double> still(7, 0.0);
-  contact_world::place_links(model, {}, q, still, X_WL, V_WL);
+  scene::place_links(model, {}, q, still, X_WL, V_WL);
   return X_WL[6] * Vector3d(0, 0, kTip);
 }
 

@@ -7,9 +7,9 @@
 
 #include "components/contact_world/assemble.h"
 #include "components/contact_world/engine/world.h"
-#include "components/contact_world/robot_links.h"
 #include "models/robot/dynamics.h"
 #include "models/robot/urdf/urdf.h"
+#include "models/scene/robot_links.h"
 #include "tests/support/allocations.h"
 #include "tests/support/error_of.h"
 #include "tests/support/places.h"
@@ -86,7 +86,7 @@ TEST(ContactWorldMimic, LinksAndContactTorquesAreThoseOfTheReducedRobot) {
   const VectorXd q = Vector2d(0.7, -0.4), dq = Vector2d(1.5, -2);
   std::vector<Pose> X_WL(4);
   std::vector<Twist> V_WL(4);
-  place_links(finger(), {}, {q.data(), 2}, {dq.data(), 2}, X_WL, V_WL);
+  scene::place_links(finger(), {}, {q.data(), 2}, {dq.data(), 2}, X_WL, V_WL);
   const Eigen::Vector3d f(3, 4, -5), p_B(0.01, 0.02, 0.03);
   for (int body = 0; body < 4; ++body) {
     const auto k = static_cast<std::size_t>(body);
@@ -96,7 +96,7 @@ TEST(ContactWorldMimic, LinksAndContactTorquesAreThoseOfTheReducedRobot) {
     EXPECT_TRUE(V_WL[k].isApprox(J * dq, 1e-13)) << body;
     const Pose X_P = robot::jacobian(mechanism, data, q, {body, {Eigen::Matrix3d::Identity(), p_B}}, J);
     std::vector<double> tau(2);
-    add_joint_torques(finger(), X_WL, body, X_P.p, f, tau);
+    scene::add_joint_torques(finger(), X_WL, body, X_P.p, f, tau);
     const VectorXd expected = J.topRows<3>().transpose() * f;
     EXPECT_NEAR(tau[0], expected[0], 1e-14) << body;
     EXPECT_NEAR(tau[1], expected[1], 1e-14) << body;

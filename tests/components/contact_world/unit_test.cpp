@@ -13,11 +13,11 @@
 #include <utility>
 #include <vector>
 
-#include "components/contact_world/robot_links.h"
 #include "components/unit/snapshot.h"
 #include "components/unit/unit_table.h"
 #include "models/foundation/support/error.h"
 #include "models/robot/urdf/urdf.h"
+#include "models/scene/robot_links.h"
 #include "tests/support/allocations.h"
 #include "tests/support/error_of.h"
 #include "tests/support/files.h"
@@ -738,7 +738,7 @@ TEST(ContactWorld, AFloatingRobotMovesItsBaseButNotItsCentreOfMass) {
     const Pose X_WB{Eigen::Quaterniond(Q[0], Q[1], Q[2], Q[3]).toRotationMatrix(), Eigen::Vector3d(world["base_p"].data())};
     std::vector<Pose> X_WL(2);
     std::vector<Twist> V_WL(2);
-    contact_world::place_links(satellite, X_WB, world["q"], world["dq"], X_WL, V_WL);
+    scene::place_links(satellite, X_WB, world["q"], world["dq"], X_WL, V_WL);
     Eigen::Vector3d sum = satellite.base.inertia.mass * (X_WB * satellite.base.inertia.p_LC);
     double mass = satellite.base.inertia.mass;
     for (std::size_t i = 0; i < 2; ++i) {

@@ -322,6 +322,7 @@ TEST(Bodies, WithPlanesAndWithoutShapes) {
   EXPECT_EQ(finder.find(ball, up, ground, {}).n, Vector3d(0, 0, -1));
   EXPECT_EQ(ground.radius(), scene::kInfinity);
   EXPECT_DOUBLE_EQ(ball.radius(), 0.1);
+  EXPECT_DOUBLE_EQ(ball.reach(), 0.1);
 }
 
 TEST(Bodies, OfHeightmapsAndFlatHullsAreRefused) {

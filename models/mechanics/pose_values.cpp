@@ -1,4 +1,4 @@
-#include "components/contact_world/port_values.h"
+#include "models/mechanics/pose_values.h"
 
 #include <Eigen/Geometry>
 #include <cmath>
@@ -6,7 +6,7 @@
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
 
-namespace cotwin::contact_world {
+namespace cotwin {
 
 using Values = std::vector<double>;
 
@@ -18,9 +18,9 @@ Pose pose_of(const std::string& place, const Values& p, const Values& quat) {
   return {Q.normalized().toRotationMatrix(), {p[0], p[1], p[2]}};
 }
 
-Pose pose_of_input(const std::string& place, const std::string& prefix, const Values& p, const Values& quat) {
+Pose pose_of_input(const std::string& place, const std::string& prefix, const char* name, const Values& p, const Values& quat) {
   const Eigen::Quaterniond Q(quat[0], quat[1], quat[2], quat[3]);
-  if (!(Q.norm() > 0)) throw Error(place + "." + prefix + "base_quat", "the quaternion (w, x, y, z) is 0, expected length 1");
+  if (!(Q.norm() > 0)) throw Error(place + "." + prefix + name, "the quaternion (w, x, y, z) is 0, expected length 1");
   return {Q.normalized().toRotationMatrix(), {p[0], p[1], p[2]}};
 }
 
@@ -30,14 +30,4 @@ void put_quaternion(const Eigen::Matrix3d& R, Values& quat) {
   quat = {Q.w(), Q.x(), Q.y(), Q.z()};
 }
 
-std::string identifier(const std::string& name) {
-  std::string id = name;
-  for (char& c : id) {
-    const bool fits = (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' || c == '.';
-    if (!fits) c = '_';
-  }
-  if (id.empty() || (id.front() >= '0' && id.front() <= '9')) id.insert(0, "_");
-  return id;
-}
-
-}  // namespace cotwin::contact_world
+}  // namespace cotwin

@@ -6,7 +6,7 @@
 #include "models/robot/robot_model.h"
 
 /// Forward kinematics of a robot's links and the joint torques of forces on them.
-namespace cotwin::contact_world {
+namespace cotwin::scene {
 
 /// Poses and twists (of the frame's origin, expressed in W) of every body of `robot`, whose base rests at X_WB and whose
 /// independent joints are at q, dq (n each).
@@ -22,4 +22,4 @@ double rate_of(const robot::RobotModel& robot, std::size_t body);
 void add_joint_torques(const robot::RobotModel& robot, std::span<const Pose> X_WL, int body, const Eigen::Vector3d& p_W,
                        const Eigen::Vector3d& f_W, std::span<double> tau);
 
-}  // namespace cotwin::contact_world
+}  // namespace cotwin::scene

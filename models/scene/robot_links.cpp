@@ -1,8 +1,8 @@
-#include "components/contact_world/robot_links.h"
+#include "models/scene/robot_links.h"
 
 #include <Eigen/Geometry>
 
-namespace cotwin::contact_world {
+namespace cotwin::scene {
 
 double rate_of(const robot::RobotModel& robot, std::size_t body) {
   return body < robot.joints.size() ? 1 : robot.mimics[body - robot.joints.size()].multiplier;
@@ -58,4 +58,4 @@ void add_joint_torques(const robot::RobotModel& robot, std::span<const Pose> X_W
   }
 }
 
-}  // namespace cotwin::contact_world
+}  // namespace cotwin::scene

@@ -1,0 +1,85 @@
+#pragma once
+#include <array>
+#include <string>
+#include <vector>
+
+#include "components/monitor/monitor.h"
+#include "models/foundation/support/text.h"
+#include "models/robot/start.h"
+
+/// Robots and bodies of the unit, with their variables.
+namespace cotwin::monitor {
+
+/// In place of +∞, because outputs are finite.
+inline constexpr double kNone = 1e12;
+
+struct Monitor::Ports {
+  double distance = kNone, least = kNone, rate = 0, time = kNone, self = kNone;
+  std::array<double, 3> p_a{}, p_b{}, n{};
+  std::array<std::int32_t, 2> pair{};
+};
+
+struct Monitor::Part {
+  Part(std::string part_name, std::span<const scene::Shape> shapes) : name(std::move(part_name)), solid(shapes) {}
+  std::string name;
+  distance::Solid solid;
+  int robot = -1, link = -1;  // in robots_, and in its model (−1: the base); robot −1: a body of the scene
+  bool moves = false;
+  Pose X_W, X_W_before;
+  Twist V_W = Twist::Zero();
+  Eigen::Vector3d middle = Eigen::Vector3d::Zero();  // of the ball around its shapes, in W
+  double motion = 0;                                 // largest way of a point since the last step, m
+};
+
+/// A pose with its velocity as ports.
+struct PosePorts {
+  std::vector<double> p{0, 0, 0}, quat{1, 0, 0, 0}, v{0, 0, 0}, w{0, 0, 0};
+};
+
+struct Monitor::Robot {
+  explicit Robot(const scene::PlacedRobot& robot)
+      : placed(&robot),
+        prefix(robot.name.empty() ? "" : text::identifier(robot.name) + "."),
+        X_WL(robot.model.bodies.size()),
+        X_WL_at(X_WL),
+        V_WL(robot.model.bodies.size()) {
+    for (Values* v : {&q, &dq, &q_before, &q_at, &zeros}) v->assign(static_cast<std::size_t>(robot.model.n()), 0.0);
+    for (std::size_t i = 0; i < q.size(); ++i) q[i] = robot::default_start(robot.model.joints[i]);
+    for (const std::vector<scene::Shape>& shapes : robot.shapes) {
+      for (const scene::Shape& shape : shapes) {
+        if (!shape.tool.empty() && std::ranges::find(tools, shape.tool) == tools.end()) tools.push_back(shape.tool);
+      }
+    }
+    tools_wanted.assign(tools.size(), 0.0);
+  }
+
+  const scene::PlacedRobot* placed;
+  std::string prefix;
+  std::size_t first = 0;  // part of its base
+  Values q, dq, q_before;
+  PosePorts base;
+  Pose X_WB, X_WB_before;
+  std::vector<Pose> X_WL, X_WL_at;
+  std::vector<Twist> V_WL;
+  Values q_at, zeros;
+  double at = -1;  // share of the step to which X_WL_at belongs
+  std::vector<std::string> tools;
+  Values tools_wanted;
+  Ports ports;
+  Values base_before = Values(7, 0.0);  // state
+};
+
+struct Monitor::Body {
+  std::string prefix;
+  std::size_t part = 0;
+  PosePorts pose;
+  Values before = Values(7, 0.0);  // state
+};
+
+struct Monitor::Pair {
+  std::size_t a = 0, b = 0;  // parts
+  std::size_t group_a = 0, group_b = 0;
+  int inflated = 0;  // number of the two that are inflated
+};
+
+}  // namespace cotwin::monitor

@@ -1,0 +1,70 @@
+// Settings and variables of the monitor.
+#include "components/monitor/parts.h"
+#include "components/unit/joint_variables.h"
+
+namespace cotwin::monitor {
+
+void Monitor::declare_settings(SettingList& s) {
+  s.cell({"hulls", "all"});
+  s.choice("base", {"fixed", "floating"}, "the bases of the robots are fixed or move, for example on rails or in space");
+  s.text("ignore", "",
+         "pairs whose distance does not count, name:name,name:name, of bodies of the scene, and of links as link_5:link_7 or "
+         "left/link_5:table");
+}
+
+void Monitor::declare_ports(Variables& v, Ports& ports, const std::string& x, const std::string& of) {
+  v.output(x + "distance", ports.distance, "m",
+           "least distance " + of + " from others, less the inflation; negative: overlap; 1e12: there is no pair");
+  v.output(x + "least_distance", ports.least, "m", "the same since the last step, with joints linear in between").discrete();
+  v.output(x + "p_a", ports.p_a, "m", "nearest point on the inflated robot, in W").discrete();
+  v.output(x + "p_b", ports.p_b, "m", "nearest point on the other one, in W: p_a + distance normal").discrete();
+  v.output(x + "normal", ports.n, "1", "unit vector in W from p_a to p_b").discrete();
+  v.output(x + "pair", ports.pair,
+           "the two bodies, that of the robot first: bodies of the scene from 1, then base and links of each robot; 0: none");
+  v.output(x + "distance_rate", ports.rate, "m/s", "rate of the distance of this pair, n'(v_b - v_a); negative: they approach")
+      .discrete();
+  v.output(x + "time_to_contact", ports.time, "s", "-distance / distance_rate; 0 in contact, 1e12 if they do not approach")
+      .discrete();
+  v.output(x + "self_distance", ports.self, "m",
+           "least distance of links " + of + " that are no neighbours, not inflated; 1e12: there is no pair");
+}
+
+void Monitor::declare(Variables& v) {
+  declare_ports(v, *all_, "", robots_.size() == 1 ? "of the robot" : "of all robots");
+  v.tunable("r", r_, "m", "inflation of the robots' shapes, the radius of a ball that is added to them").range(0, 100);
+  const auto declare_pose = [&v](const std::string& x, PosePorts& pose, const std::string& of, bool moves) {
+    if (!moves) {
+      v.parameter(x + "p0", pose.p, "m", "position " + of + " in W");
+      v.parameter(x + "quat0", pose.quat, "1", "orientation " + of + " in W, unit quaternion (w, x, y, z)");
+      return;
+    }
+    v.input(x + "p", pose.p, "m", "position " + of + " in W").essential();
+    v.input(x + "quat", pose.quat, "1", "orientation " + of + " in W, unit quaternion (w, x, y, z)");
+    v.input(x + "v", pose.v, "m/s", "velocity of its origin in W");
+    v.input(x + "w", pose.w, "rad/s", "its angular velocity in W");
+  };
+  for (const auto& robot : robots_) {
+    Robot& r = *robot;
+    const JointMeasures measures(&r.placed->model);
+    JointVariables joints(v, measures);
+    const std::string of = r.placed->name.empty() ? "of the robot" : "of robot " + r.placed->name;
+    joints.input(r.prefix + "q", r.q, "rad", "joint position " + of + " at the step's end").essential();
+    joints.input(r.prefix + "dq", r.dq, "rad/s", "joint velocity at the step's end, for distance_rate");
+    declare_pose(r.prefix + "base_", r.base, "of its base", floating_);
+    if (!r.prefix.empty()) declare_ports(v, r.ports, r.prefix, of);
+    for (std::size_t k = 0; k < r.tools.size(); ++k) {
+      v.tunable(r.prefix + "tool." + text::identifier(r.tools[k]), r.tools_wanted[k], "1",
+                "1 while the shapes of tool " + r.tools[k] + " are there, else 0")
+          .range(0, 1);
+    }
+    joints.state(r.prefix + "q_before", r.q_before, "rad", "q at the last step");
+    if (floating_) v.state(r.prefix + "base_before", r.base_before, "1", "pose of the base at the last step");
+  }
+  for (const auto& body : bodies_) {
+    const Part& part = *parts_[body->part];
+    declare_pose(body->prefix, body->pose, "of body " + part.name, part.moves);
+    if (part.moves) v.state(body->prefix + "before", body->before, "1", "pose at the last step");
+  }
+}
+
+}  // namespace cotwin::monitor
