@@ -177,14 +177,13 @@ void Monitor::measure(std::size_t k) {
   const Part &a = *parts_[pair.a], &b = *parts_[pair.b];
   Nearest &of_a = nearest_[pair.group_a], &of_b = nearest_[pair.group_b];
   constexpr double kSlack = 1e-12;  // of rounding, so that the nearest pair does not depend on the order
-  const double grown = inflation(pair), most = std::max(of_a.way.d, of_b.way.d) + kSlack;
+  const double grown = inflation(pair), most = std::max(of_a.way.d, of_b.way.d) + a.motion + b.motion + kSlack;
   const double balls = (b.middle - a.middle).norm() - a.solid.radius() - b.solid.radius() - grown;
   bounds_[k] = balls;
   if (balls > most) return;
   distance::Distance way = finder_.find(a.solid, a.X_W, b.solid, b.X_W, most + grown);
   way.d -= grown;
   bounds_[k] = std::min(way.d, most);
-  if (!(way.d <= most)) return;
   for (Nearest* nearest : {&of_a, &of_b}) {
     if (way.d < nearest->way.d || (way.d == nearest->way.d && k < nearest->pair)) *nearest = {way, k};
   }
@@ -280,6 +279,7 @@ void Monitor::place_static() {
 void Monitor::initialise(Time start) {
   place_static();
   place(start);
+  for (const auto& part : parts_) part->motion = 0;
   measure();
   for (std::size_t g = 0; g < groups(); ++g) least_[g] = nearest_[g].way.d;
   remember();
@@ -290,6 +290,7 @@ void Monitor::restored() { place_static(); }
 
 StepResult Monitor::step(Time now, Duration h) {
   place(now + h);
+  find_motions();
   measure();
   sweep();
   remember();

@@ -22,7 +22,7 @@ namespace cotwin::monitor {
 ///   ḋ = nᵀ (v_b − v_a) at the nearest points        time_to_contact = −d / ḋ
 /// least_distance: the least one since the last step, with joints (and positions of bodies) linear in between, and orientations at constant angular
 /// velocity. Between two instants the distance changes at most by the way that a point of the pair can move, so that no thin plate is passed: the
-/// sign is exact, the value is at most 5 % of that way, or 1 µm, too large.
+/// sign is exact; the value is at most 5 % of that way, 0.1 % of itself, or 1 µm, too large.
 class Monitor final : public Unit {
  public:
   static void declare_settings(SettingList& s);
@@ -64,8 +64,9 @@ class Monitor final : public Unit {
   Eigen::Vector3d velocity(const Part& part, const Eigen::Vector3d& p_W) const;
 
   // sweep.cpp: least_distance
+  void find_motions();
   void sweep();
-  double least_distance(const Pair& pair, double motion, double most);
+  double least_distance(const Pair& pair, double last, double motion, double most);
   double motion(const Part& part) const;
   Pose pose_at(const Part& part, double share);
 

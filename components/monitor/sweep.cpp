@@ -12,8 +12,8 @@ namespace {
 
 using Eigen::Vector3d;
 
-/// least_distance is at most this share of the way that a pair can have moved, or this length, too large.
-constexpr double kShare = 0.05, kLeastError = 1e-6;  // 1, m
+/// least_distance is at most this share of the way that a pair can have moved, or this share of itself, or this length, too large.
+constexpr double kShareOfWay = 0.05, kShare = 1e-3, kLeastError = 1e-6;  // 1, 1, m
 /// Distances that are measured for a pair in a step, at most; then a lower bound counts.
 constexpr int kMostEvaluations = 500;
 
@@ -62,16 +62,16 @@ Pose Monitor::pose_at(const Part& part, double share) {
   return r.X_WL_at[static_cast<std::size_t>(part.link)];
 }
 
-/// The least distance of a pair whose points move by at most `motion` (m), if it is below `most`. The distance in an interval is at least
+/// The least distance of a pair that ends at `last` and whose points move by at most `motion` (m), if it is below `most`. The distance in an interval is at least
 /// (d_from + d_to - motion (to - from)) / 2 (Piyavskii 1972); the interval is divided until that says enough.
-double Monitor::least_distance(const Pair& pair, double motion, double most) {
+double Monitor::least_distance(const Pair& pair, double last, double motion, double most) {
   const Part &a = *parts_[pair.a], &b = *parts_[pair.b];
   const auto measure = [&](double share) {
     return finder_.find(a.solid, pose_at(a, share), b.solid, pose_at(b, share)).d - inflation(pair);
   };
-  const double error = std::max(kShare * motion, kLeastError), first = measure(0), last = measure(1);
+  const double first = measure(0);
   double least = std::min(first, last), bound = least;
-  int evaluations = 2;
+  int evaluations = 1;
   intervals_.clear();
   intervals_.push_back({0, 1, first, last});
   while (!intervals_.empty()) {
@@ -79,6 +79,7 @@ double Monitor::least_distance(const Pair& pair, double motion, double most) {
     intervals_.pop_back();
     const double width = interval.to - interval.from;
     const double lowest = (interval.d_from + interval.d_to - motion * width) / 2, known = std::min(least, most);
+    const double error = std::max({kShareOfWay * motion, kShare * known, kLeastError});
     if (lowest >= known - error && !(lowest < 0 && known > 0)) continue;
     if (evaluations == kMostEvaluations || intervals_.size() + 2 > intervals_.capacity()) {
       bound = std::min(bound, lowest);
@@ -95,20 +96,24 @@ double Monitor::least_distance(const Pair& pair, double motion, double most) {
   return std::min(least, bound);
 }
 
-void Monitor::sweep() {
+void Monitor::find_motions() {
   const auto pose = [](const Values& v) {
     return Pose{Eigen::Quaterniond(v[3], v[4], v[5], v[6]).normalized().toRotationMatrix(), {v[0], v[1], v[2]}};
   };
   for (const auto& body : bodies_) parts_[body->part]->X_W_before = pose(body->before);
   for (const auto& robot : robots_) robot->X_WB_before = pose(robot->base_before);
   for (const auto& part : parts_) part->motion = motion(*part);
+}
+
+void Monitor::sweep() {
   for (std::size_t g = 0; g < groups(); ++g) least_[g] = nearest_[g].way.d;
   for (std::size_t k = 0; k < pairs_.size(); ++k) {
     const Pair& pair = pairs_[k];
     const double moved = parts_[pair.a]->motion + parts_[pair.b]->motion;
     const double most = std::max(least_[pair.group_a], least_[pair.group_b]);
     if (pair.inflated == 0 || !(moved > 0) || bounds_[k] - moved >= most) continue;
-    const double least = least_distance(pair, moved, most);
+    // A bound below most + moved is the distance.
+    const double least = least_distance(pair, bounds_[k], moved, most);
     for (const std::size_t group : {pair.group_a, pair.group_b}) least_[group] = std::min(least_[group], least);
   }
 }

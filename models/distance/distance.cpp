@@ -14,6 +14,9 @@ namespace {
 
 using Eigen::Vector3d;
 
+/// Rounding of lower bounds, relative.
+constexpr double kRounding = 1e-12;
+
 Distance along(const Separation& s, double round_a, double round_b) {
   const double d = s.gap - round_a - round_b;
   const Vector3d p_b = s.p_b - round_b * s.n;
@@ -21,16 +24,19 @@ Distance along(const Separation& s, double round_a, double round_b) {
 }
 
 /// Of cores without a closed form.
-Separation of_cores(const Placed& a, const Placed& b, Feature& scratch) {
+Separation of_cores(const Placed& a, const Placed& b, double most, Feature& scratch) {
   Separation s;
   const Vector3d way = b.p - a.p;
   if (way.norm() > 0) s.n = way.normalized();
   s.gap = gap_along(a, b, s.n);
   s.p_b = support(b, -s.n);
   const double size = a.convex->extent.norm() + b.convex->extent.norm();
+  const double enough = most + kRounding * (size + std::abs(most));
   for (const double left : {scene::kInfinity, 1e-4, 1e-6, 1e-8, 1e-8}) {
+    if (s.gap > enough) return s;
     s = approach(a, b, s, left * size);
     if (!(s.gap > 0)) break;
+    if (s.gap > enough) return s;
     bool certain = false;
     const Separation refined = refine(a, b, s, certain, scratch);
     if (certain) return refined;
@@ -54,7 +60,7 @@ Separation of_cores(const Placed& a, const Placed& b, Feature& scratch) {
   return s;
 }
 
-Distance ordered(const Placed& a, const Placed& b, Feature& scratch) {
+Distance ordered(const Placed& a, const Placed& b, double most, Feature& scratch) {
   const double round_a = a.convex->round, round_b = b.convex->round;
   if (a.convex->core == Core::kPlane) {
     if (b.convex->core == Core::kPlane) return {};
@@ -67,11 +73,8 @@ Distance ordered(const Placed& a, const Placed& b, Feature& scratch) {
   }
   if (b.convex->core == Core::kSegment)
     return along(between_segments(a.p, a.R.col(2), a.convex->half, b.p, b.R.col(2), b.convex->half), round_a, round_b);
-  return along(of_cores(a, b, scratch), round_a, round_b);
+  return along(of_cores(a, b, most + round_a + round_b, scratch), round_a, round_b);
 }
-
-/// Rounding of lower bounds, relative.
-constexpr double kRounding = 1e-12;
 
 /// Half sizes of a box about C's origin that encloses a piece, along the axes of the body.
 Vector3d half_sizes(const Convex& c) {
@@ -93,9 +96,9 @@ double from_box(const Vector3d& half, const Vector3d& centre, double radius) {
 
 }  // namespace
 
-Distance distance(const Placed& a, const Placed& b, Feature& scratch) {
-  if (a.convex->core <= b.convex->core) return ordered(a, b, scratch);
-  const Distance s = ordered(b, a, scratch);
+Distance distance(const Placed& a, const Placed& b, Feature& scratch, double most) {
+  if (a.convex->core <= b.convex->core) return ordered(a, b, most, scratch);
+  const Distance s = ordered(b, a, most, scratch);
   return {s.d, -s.n, s.p_b, s.p_a};
 }
 
@@ -111,8 +114,8 @@ Solid::Solid(std::span<const scene::Shape> shapes) {
     const Convex& piece = pieces_.back();
     for (const auto& face : piece.polytope.faces) corners_ = std::max<std::size_t>(corners_, face.count);
     (piece.core == Core::kPlane ? planes_ : bounded).push_back(k);
-    radius_ = std::max(radius_,
-                       piece.core == Core::kPlane ? scene::kInfinity : piece.X_BC.p.norm() + piece.extent.norm() + piece.round);
+    reach_ = std::max(reach_,
+                      piece.core == Core::kPlane ? scene::kInfinity : piece.X_BC.p.norm() + piece.extent.norm() + piece.round);
   }
   if (!bounded.empty()) {
     const Node& root = nodes_[static_cast<std::size_t>(build(bounded))];
@@ -171,7 +174,7 @@ Distance Finder::find(const Solid& a, const Pose& X_WA, const Solid& b, const Po
     // About a place near both: far from the origin of W the rounding is larger.
     const Vector3d origin = piece_a.core == Core::kPlane ? X_WB * piece_b.X_BC.p : X_WA * piece_a.X_BC.p;
     const Distance found = distance({&piece_a, X_WA.R * piece_a.X_BC.R, X_WA * piece_a.X_BC.p - origin},
-                                    {&piece_b, X_WB.R * piece_b.X_BC.R, X_WB * piece_b.X_BC.p - origin}, scratch_);
+                                    {&piece_b, X_WB.R * piece_b.X_BC.R, X_WB * piece_b.X_BC.p - origin}, scratch_, most);
     if (found.d > most || !(found.d < best.d)) return;
     best = {found.d, found.n, found.p_a + origin, found.p_b + origin};
     most = found.d;

@@ -23,7 +23,8 @@ struct Distance {
 /// (slender hulls to 1e-7), points of curved surfaces to 1e-6. Depths of spheres, and of polytopes with fewer than 4000 pairs of edges, are the
 /// shortest way out; others are the shortest that was found. Two planes have the distance infinity. `scratch` has room for the corners of a face.
 /// Neither is a height field. Allocates nothing.
-Distance distance(const Placed& a, const Placed& b, Feature& scratch);
+/// If the distance is more than `most`, the result may be a lower bound above it instead, with points that are not the nearest.
+Distance distance(const Placed& a, const Placed& b, Feature& scratch, double most = scene::kInfinity);
 
 /// The shapes of a body, in a tree of boxes in the frame of the body.
 class Solid {

@@ -343,6 +343,32 @@ TEST_F(Cell, AllocatesNothingInAStepAndGivesTheSameBitsWhateverWasNearestBefore)
   }
 }
 
+// A long arm turns by half a turn, and its end passes through a thin post that is far from it at both instants.
+TEST(Levers, AreThoseOfTheWholeArm) {
+  const TemporaryFolder folder("monitor");
+  const std::string inertial =
+      "<inertial><mass value=\"1\"/><inertia ixx=\"1\" iyy=\"1\" izz=\"1\" ixy=\"0\" ixz=\"0\" iyz=\"0\"/></inertial>";
+  folder.write("arm.urdf",
+               "<robot name=\"arm\"><link name=\"base\"/><link name=\"bar\">" + inertial +
+                   "<collision><origin xyz=\"1 0 0\"/><geometry><box size=\"2 0.02 0.02\"/></geometry></collision></link>"
+                   "<joint name=\"q\" type=\"continuous\"><parent link=\"base\"/><child link=\"bar\"/><axis xyz=\"0 0 "
+                   "1\"/></joint></robot>");
+  folder.write("post.sdf",
+               "<sdf version=\"1.11\"><world name=\"w\"><model name=\"post\"><static>true</static><pose>0 1.95 0 0 0 "
+               "0</pose><link name=\"post\"><collision "
+               "name=\"c\"><geometry><cylinder><radius>0.01</radius><length>1</length></cylinder></geometry></collision></"
+               "link></model></world></sdf>");
+  UnitSubject unit("unit:monitor?robot=" + (folder / "arm.urdf").string() + "&scene=" + (folder / "post.sdf").string());
+  for (const double half : {0.03, 0.3, 1.5}) {
+    unit.set("q", std::vector<double>{M_PI / 2 - half});
+    unit.initialise();
+    unit.set("q", std::vector<double>{M_PI / 2 + half});
+    unit.step(1e-3);
+    EXPECT_NEAR(unit.real("distance"), 1.95 * std::sin(half) - 0.02, half < 1 ? 2e-3 * half + 1e-9 : 10);
+    EXPECT_LT(unit.real("least_distance"), 0) << half;
+  }
+}
+
 // A base that moves: the distance from a plane that stands still, and its rate.
 TEST(FloatingBase, MovesTheRobot) {
   UnitSubject unit("unit:monitor?robot=ur5e&scene=table&base=floating&ignore=base:table");
