@@ -33,6 +33,7 @@ struct Node {
   std::string robot;              // "left"; "" for a single robot
   std::size_t model = 0;
   bool in_world = false;
+  bool watched = false;  // a robot of a monitor
 };
 
 bool without_element(std::string_view variable, std::string_view name) {
@@ -99,16 +100,20 @@ std::size_t Builder::add_model(robot::RobotModel model, const fs::path& urdf) {
 
 void Builder::take_cell(const ComponentSpec& component, Settings& settings) {
   const scene::Cell cell = settings.cell();
-  stage_.worlds.push_back(component.name);
+  const bool watches = has_setting(component.source, "ignore", types_);  // unit:monitor
+  if (!watches) stage_.worlds.push_back(component.name);
   const std::vector<fs::path> files = settings.robot_files();
   for (std::size_t i = 0; i < cell.robots.size(); ++i) {
     const scene::PlacedRobot& placed = cell.robots[i];
     const std::string prefix = component.name + "." + (placed.name.empty() ? "" : placed.name + ".");
-    nodes_.push_back(
-        {component.name, prefix, placed.name, add_model(placed.model, i < files.size() ? files[i] : fs::path()), true});
+    nodes_.push_back({component.name, prefix, placed.name, add_model(placed.model, i < files.size() ? files[i] : fs::path()),
+                      !watches, watches});
+    if (watches) stage_.monitors.push_back(prefix);
   }
   for (const scene::Body& body : cell.scene.bodies) {
     const std::string id = text::identifier(body.name);
+    if (watches && std::ranges::any_of(stage_.bodies, [&](const StagedBody& known) { return known.body.name == body.name; }))
+      continue;
     stage_.bodies.push_back({body, component.name + "." + id});
     take_pose(component.name, id + ".", stage_.bodies.back().body.X_WB);
   }
@@ -290,6 +295,9 @@ void Builder::group() {
       robot.components.push_back(nodes_[i].component);
       if (nodes_[i].in_world) place(robot, nodes_[i]);
     }
+    for (const std::size_t i : of_group) {
+      if (nodes_[i].watched && !robot.in_world) place(robot, nodes_[i]);
+    }
     add_tracks(robot, of_group, sources);
     if (!robot.tracks.empty()) robot.name = robot.tracks.front().signal.substr(0, robot.tracks.front().signal.rfind('.'));
     for (const std::size_t i : of_group) {
@@ -336,11 +344,17 @@ void spread(Stage& stage) {
 }
 
 Stage Builder::build() {
-  for (const ComponentSpec& component : scenario_.components) {
+  // Monitors come last: their scene may be that of a contact world.
+  std::vector<const ComponentSpec*> components;
+  for (const ComponentSpec& component : scenario_.components) components.push_back(&component);
+  std::stable_partition(components.begin(), components.end(), [&](const ComponentSpec* component) {
+    return !is_unit(*component) || !has_setting(component->source, "ignore", types_);
+  });
+  for (const ComponentSpec* component : components) {
     try {
-      take(component);
+      take(*component);
     } catch (const Error& error) {
-      stage_.remarks.push_back(component.name + " is not shown: " + error.what());
+      stage_.remarks.push_back(component->name + " is not shown: " + error.what());
     }
   }
   group();

@@ -66,7 +66,8 @@ struct Stage {
   std::vector<StagedModel> models;
   std::vector<StagedRobot> robots;
   std::vector<StagedBody> bodies;
-  std::vector<std::string> worlds;  // components with a contact world
+  std::vector<std::string> worlds;    // components with a contact world
+  std::vector<std::string> monitors;  // prefixes of the distances of monitors: "monitor.left."
   std::vector<std::string> remarks;
 };
 

@@ -384,6 +384,17 @@ Json Writer::write() {
                               ? "the scenario has no contact world"
                               : "record " + stage_.worlds.front() + ".contact_p and " + stage_.worlds.front() + ".contact_f";
   json["forces"] = forces_json();
+  json["distances"] = Json::array();
+  for (const std::string& prefix : stage_.monitors) {
+    const std::string p_a = prefix + "p_a", p_b = prefix + "p_b", distance = prefix + "distance";
+    if (is_recorded(p_a, 3) && is_recorded(p_b, 3) && is_recorded(distance, 1))
+      json["distances"].push_back(
+          {{"name", prefix.substr(0, prefix.size() - 1)}, {"p_a", p_a}, {"p_b", p_b}, {"distance", distance}});
+  }
+  const std::string any = stage_.monitors.empty() ? "" : stage_.monitors.front();
+  json["distances_lack"] = !json["distances"].empty() ? ""
+                           : any.empty()              ? "the scenario has no unit:monitor"
+                                                      : "record " + any + "p_a, " + any + "p_b and " + any + "distance";
   json["energy"] = energy_json();
   json["energy_lacks"] =
       "record the energies of a drive train, for example drive.energy_* and drive.work_*, or of a unit energy";

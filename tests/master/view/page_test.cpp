@@ -115,7 +115,7 @@ TEST_F(Page, ShowsTheMainExampleAsForwardKinematicsAndTheRecordingHaveIt) {
                  {"size", json::array({700, 900})},
                  {"themes", true},
                  {"cues", json::array({"ghosts", "trails", "mass", "manipulability", "stiffness", "limits", "energy"})},
-                 {"lacking", json::array({"tau_e", "contacts", "hand"})}});
+                 {"lacking", json::array({"tau_e", "contacts", "hand", "distances"})}});
   check(json::array({first, second}));
 }
 
@@ -142,7 +142,15 @@ TEST_F(Page, ShowsTwoRobotsAndABodyInContact) {
                       {"seeks", seeks},
                       {"cues", json::array({"contacts", "tau_e", "trails", "mass"})},
                       {"lacking", json::array({"energy"})}};
-  check(json::array({shown}));
+  const RunResult hulls =
+      cotwin({"run", (root_ / "examples/20_safety_hulls/cell.ssd").string(), "--stop", "0.5", "--out", "hulls", "--quiet"});
+  ASSERT_EQ(hulls.code, 0) << hulls.err;
+  ASSERT_EQ(cotwin({"view", "hulls"}).code, 0);
+  const json watched = {{"file", page("hulls/view.html")},
+                        {"seeks", json::array({{{"t", 0.5}}})},
+                        {"cues", json::array({"distances", "trails"})},
+                        {"lacking", json::array({"contacts"})}};
+  check(json::array({shown, watched}));
 }
 
 TEST_F(Page, RunsNothingFromNamesAndShowsWhatIsLeftOfARecording) {

@@ -267,6 +267,40 @@ TEST(Stage, ShowsTwoRobotsAtTheirPlacesInAContactWorldWithItsBodies) {
   EXPECT_THAT(stage.worlds, ElementsAre("world"));
 }
 
+// The monitor's robots are those of the motions that it follows, at its places, and its person is that of the contact world.
+TEST(Stage, ShowsWhatAMonitorWatches) {
+  const fs::path root = places::source();
+  const Scenario scenario = load_scenario(root / "examples/20_safety_hulls/cell.ssd");
+  const std::vector<fs::path> folders = {scenario.folder, root / "models"};
+  const auto page_of = [&](const Recorded& recorded, Stage& stage) {
+    stage = stage_of(scenario, recorded, unit_types(), folders);
+    CalculatedTable calculated;
+    Packer packer;
+    std::vector<std::string> remarks;
+    return stage_json({stage, recorded, &scenario, unit_types(), folders}, {}, calculated, packer, remarks);
+  };
+  Stage stage;
+  const auto page = page_of(recording_of({{"left.q_d", 7},
+                                          {"right.q_d", 6},
+                                          {"floor.person.p", 3},
+                                          {"monitor.left.p_a", 3},
+                                          {"monitor.left.p_b", 3},
+                                          {"monitor.left.distance", 1}}),
+                            stage);
+  EXPECT_THAT(stage.remarks, IsEmpty());
+  ASSERT_EQ(stage.robots.size(), 2u);
+  EXPECT_THAT(words_of(stage.robots[1]), ElementsAre("main right.q_d"));
+  EXPECT_EQ(stage.robots[1].X_WB.p, Eigen::Vector3d(1.9, 0, 0));
+  ASSERT_EQ(stage.bodies.size(), 1u);
+  EXPECT_EQ(stage.bodies[0].prefix, "floor.person");
+  EXPECT_THAT(stage.worlds, ElementsAre("floor"));
+  ASSERT_EQ(page.at("distances").size(), 1u);
+  EXPECT_EQ(page.at("distances")[0].at("name"), "monitor.left");
+  EXPECT_EQ(page.at("distances_lack"), "");
+  const auto lacking = page_of(recording_of({{"left.q_d", 7}, {"right.q_d", 6}}), stage);
+  EXPECT_EQ(lacking.at("distances_lack"), "record monitor.left.p_a, monitor.left.p_b and monitor.left.distance");
+}
+
 TEST(Stage, PutsBodiesWhereTheScenarioPutsThem) {
   const Stage stage = stage_of_example("04_peg_in_hole/twin.ssd", recording_of({{"robot.q", 7}}));
   ASSERT_EQ(stage.bodies.size(), 1u);

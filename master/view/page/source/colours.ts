@@ -27,6 +27,7 @@ export const kCues = {
   torque: kPalette.purple,
   contact: kPalette.vermilion,
   hand: kPalette.orange,
+  distance: kPalette.blue,
 } as const;
 
 /// A colour of the style sheet, which depends on dark and light.

@@ -1,5 +1,6 @@
 import * as three from 'three';
 import { kCues, kRoles } from './colours';
+import { Distances } from './distances';
 import { element, short } from './dom';
 import type { FigureView, Shown } from './figures';
 import type { PageData } from './format';
@@ -596,6 +597,7 @@ export function cues_of(s: Scenery, size: number): Cue[] {
     new Torques(s),
     new Forces(s, 'contacts', 'contact forces', 'c', kCues.contact, all.length > 0 ? '' : s.data.contacts_lack, all, size),
     new Forces(s, 'hand', 'forces of hands', 'h', kCues.hand, s.data.forces.length > 0 ? '' : 'record f and p of a unit operator_hand, for example hand.f and hand.p', s.data.forces, size),
+    new Distances(s, size),
     new Limits(s),
     new Energy(s),
   ];

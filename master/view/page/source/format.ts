@@ -159,6 +159,14 @@ export interface Force {
   figure: number;
 }
 
+/// What a monitor measures: the nearest points (m, in the world) and their distance (m).
+export interface Measured {
+  name: string;
+  p_a: string;
+  p_b: string;
+  distance: string;
+}
+
 /// A term of the energy of a component.
 export interface EnergyTerm {
   signal: string;
@@ -189,6 +197,8 @@ export interface PageData {
   contacts: Contacts[];
   contacts_lack: string;
   forces: Force[];
+  distances: Measured[];
+  distances_lack: string;
   energy: EnergyTerm[];
   energy_lacks: string;
   plots: string[];
