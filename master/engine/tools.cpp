@@ -173,6 +173,7 @@ Tools::Tools(const Scenario& scenario, std::span<const Member> members, std::spa
     : scenario_(&scenario) {
   if (scenario.tools.empty()) return;
   find_carriers(members, fed);
+  find_watchers(members);
   find_models();
   check_events(report);
   choose(report);
@@ -220,6 +221,19 @@ void Tools::find_carriers(std::span<const Member> members, std::span<const Signa
         c.q = find_real(all, prefix + "q", 0);
       }
       carriers_.push_back(std::move(carrier));
+    }
+  }
+}
+
+/// Whoever has the shapes of a tool, and no bodies that it changes, follows it all the same: a monitor.
+void Tools::find_watchers(std::span<const Member> members) {
+  for (const Member& member : members) {
+    const bool carries = std::ranges::any_of(carriers_, [&](const auto& carrier) { return carrier->member == &member; });
+    for (const Variable& v : member.variables()) {
+      const std::size_t dot = v.name.find("tool.");
+      if (carries || v.role != Role::kTunable || v.size() != 1 || dot == std::string::npos) continue;
+      const std::string robot = dot > 0 ? v.name.substr(0, dot - 1) : "";
+      watchers_.push_back({&v, member.name() + (robot.empty() ? "" : "." + robot), robot, v.name.substr(dot + 5)});
     }
   }
 }
@@ -295,7 +309,8 @@ std::vector<std::size_t> Tools::named(const ToolSpec& tool) const {
     for (std::size_t i = 0; i < carriers_.size(); ++i) {
       if (carriers_[i]->label == name || carriers_[i]->member->name() == name) found.push_back(i);
     }
-    if (found.size() == before)
+    const bool watches = std::ranges::any_of(watchers_, [&](const Watcher& watcher) { return watcher.label == name; });
+    if (found.size() == before && !watches)
       fail(tool.place, "tool '" + tool.name + "': no component " + in_quotes(name) +
                            " has tunable bodies (mass, first_moment, inertia)" + suggestion(name, labels));
     if (found.size() > before + 1)
@@ -404,6 +419,13 @@ void Tools::plan() {
       if (!moves || c.kind != Carrier::Kind::kPlant || c.q == nullptr || c.q->size() != n) continue;
       checks_.push_back({time, i, t, std::make_unique<robot::Mechanism>(c.robot), nullptr, Eigen::VectorXd::Zero(c.robot.n())});
       checks_.back().data = std::make_unique<robot::Data>(*checks_.back().mechanism);
+    }
+    const ToolSpec& tool = scenario_->tools[t];
+    for (const Watcher& watcher : watchers_) {
+      const bool meant = tool.components.empty() ? tool.robot.empty() || watcher.robot.empty() || tool.robot == watcher.robot
+                                                 : std::ranges::find(tool.components, watcher.label) != tool.components.end();
+      if (meant && watcher.tool == text::identifier(tool.name) && is_in(watcher.label, tool.scope))
+        jumps_.push_back({time, &watcher.shapes->reals().front(), tool.attach ? 1.0 : 0.0});
     }
   }
 }

@@ -34,6 +34,7 @@ std::string describe_overload(const robot::RobotModel& robot, const Eigen::Vecto
 /// A component's variables decide what a tool does to it:
 ///   mass, first_moment, inertia with tool_changes   it simulates the robot: its bodies change at once, at constant speeds
 ///   mass, first_moment, inertia                     a controller: it follows; a tool with known=false does not reach it
+///   tool.NAME without bodies                        it watches the robot: the shapes of the tool come and go
 ///   tool_mass, tool_first_moment, tool_inertia      an estimator gets what known tools add to its bodies; an unknown one
 ///                                                   increases `restart`
 /// In a world of several robots these names have the robot's prefix. A component whose bodies are fed by connections follows
@@ -81,6 +82,7 @@ class Tools {
   };
 
   void find_carriers(std::span<const Member> members, std::span<const Signal> fed);
+  void find_watchers(std::span<const Member> members);
   void find_models();
   void check_events(const Events::Report& report) const;
   std::vector<std::size_t> named(const ToolSpec& tool) const;
@@ -91,7 +93,13 @@ class Tools {
   void change(Carrier& carrier, std::size_t tool) const;
   void check_loads_due(Time now);
 
+  struct Watcher {
+    const Variable* shapes;          // tool.NAME, 1 while they are there
+    std::string label, robot, tool;  // "monitor.left", "left", the tool's identifier
+  };
+
   const Scenario* scenario_;
+  std::vector<Watcher> watchers_;
   std::vector<std::unique_ptr<Carrier>> carriers_;
   std::vector<std::vector<std::size_t>> reached_;  // carriers that each event changes
   std::vector<Events::Jump> jumps_;

@@ -221,9 +221,11 @@ Json Writer::tau_e_json(const StagedRobot& robot) const {
   std::string wanted;
   for (const std::string& prefix : robot.prefixes) {
     if (is_recorded(prefix + "tau_e", n)) return {{"signals", Json::array({prefix + "tau_e"})}, {"lacks", ""}};
-    wanted += (wanted.empty() ? "" : " or ") + prefix + "tau_e";
+    if (std::ranges::find(stage_.monitors, prefix) == stage_.monitors.end())
+      wanted += (wanted.empty() ? "" : " or ") + prefix + "tau_e";
   }
-  return {{"signals", Json::array()}, {"lacks", "record " + wanted}};
+  const std::string lacks = wanted.empty() ? "no component of the robot has external torques" : "record " + wanted;
+  return {{"signals", Json::array()}, {"lacks", lacks}};
 }
 
 /// Names of the matrices that the page calculates, and the signal that has the stiffness.

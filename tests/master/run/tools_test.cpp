@@ -402,6 +402,32 @@ TEST(Tools, TouchWithTheShapesOfTheirFileWhileTheyAreThere) {
   EXPECT_THAT(error_of([&] { cell_with(elsewhere).load(); }), HasSubstr("is attached at two places"));
 }
 
+// The ball in front of the tip of an arm above a floor, as above. The monitor has no bodies that change, but the shapes of the tool.
+TEST(Tools, AreSeenByAMonitorWhileTheyAreThere) {
+  const testing::TemporaryFolder folder("tools");
+  const std::string ball = folder.write("ball.urdf", R"(<robot name="ball"><link name="flange"/><link name="centre"><inertial>
+      <mass value="0.5"/><inertia ixx="8e-5" ixy="0" ixz="0" iyy="8e-5" iyz="0" izz="8e-5"/></inertial>
+      <collision><geometry><sphere radius="0.02"/></geometry></collision></link>
+      <joint name="j" type="fixed"><parent link="flange"/><child link="centre"/><origin xyz="0.03 0 0"/></joint></robot>)");
+  for (const char* components : {"", " components=\"drive monitor\"", " components=\"drive\""}) {
+    Cell cell = falling();
+    cell.unit("monitor", "monitor?robot=planar2&amp;scene=" + places::source() + "/tests/components/data/floor.sdf",
+              {{"q", "0 -1.2"}});
+    cell.event("time=\"0.01\" attach=\"ball-1\" parent=\"tip\" file=\"" + ball + "\"" + components);
+    cell.event("time=\"0.02\" detach=\"ball-1\"" + std::string(components));
+    cell.stop = 0.03;
+    Master master = cell.load();
+    master.initialise();
+    const double bare = values(master, "monitor.distance")[0], with_ball = 0.5 + 0.38 * std::sin(-1.2) - 0.02;
+    EXPECT_GT(bare, with_ball + 0.001);
+    while (master.step_tick()) {
+      const double t = master.now().seconds();
+      const bool there = t > 0.0105 && t < 0.0205 && std::string(components) != " components=\"drive\"";
+      EXPECT_NEAR(values(master, "monitor.distance")[0], there ? with_ball : bare, 1e-9) << t << components;
+    }
+  }
+}
+
 TEST(Tools, ReachARobotOfAWorldByItsName) {
   Cell cell;
   cell.unit("world", "contact_world?robots=left:planar2,right:planar2&amp;link=outside",
