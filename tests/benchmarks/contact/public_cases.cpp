@@ -18,17 +18,14 @@ constexpr double kHalfDegree = 0.5 * 3.14159265358979323846 / 180;
 
 std::vector<Figure> pushed_ball(const EngineKind& kind) {
   Run run(kind, testing::pushed_ball(), kStep);
-  double path = 0, velocity = 0;
+  double velocity = 0;
   for (int k = 1; k <= 2000; ++k) {
     run.step();
     Eigen::Vector3d p_WB;
     const Twist V_WB = testing::pushed_ball_at(k * kStep, p_WB);
-    path = std::max(path, (run.X_WB[1].p - p_WB).norm());
     velocity = (run.V_WB[1].head<3>() - V_WB.head<3>()).norm();
   }
-  return {{"step", "us", run.median_microseconds(), 0},
-          {"velocity error when it rolls", "m/s", velocity, 4e-7},
-          {"path error", "m", path, 0}};
+  return {{"step", "us", run.median_microseconds(), 0}, {"velocity error when it rolls", "m/s", velocity, 4e-7}};
 }
 
 std::vector<Figure> balls(const EngineKind& kind) {
