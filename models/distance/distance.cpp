@@ -34,9 +34,10 @@ Separation of_cores(const Placed& a, const Placed& b, double most, Feature& scra
   const double enough = most + kRounding * (size + std::abs(most));
   for (const double left : {scene::kInfinity, 1e-4, 1e-6, 1e-8, 1e-8}) {
     if (s.gap > enough) return s;
-    s = approach(a, b, s, left * size);
+    double upper = scene::kInfinity;
+    s = approach(a, b, s, left * size, upper);
     if (!(s.gap > 0)) break;
-    if (s.gap > enough) return s;
+    if (s.gap > enough || upper - s.gap <= kRounding * size) return s;
     bool certain = false;
     const Separation refined = refine(a, b, s, certain, scratch);
     if (certain) return refined;

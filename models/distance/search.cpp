@@ -94,7 +94,7 @@ Separation best_guess(const Placed& a, const Placed& b, double margin) {
   return best;
 }
 
-Separation approach(const Placed& a, const Placed& b, const Separation& start, double left) {
+Separation approach(const Placed& a, const Placed& b, const Separation& start, double left, double& upper) {
   const double margin = std::max(0.0, start.gap - left);
   const double scale = margin > 0 ? 1 / left : 1e3 / size_of(a, b);
   const Magnified A(a, Vector3d::Zero(), scale), B(b, Vector3d::Zero(), scale, margin);
@@ -103,11 +103,18 @@ Separation approach(const Placed& a, const Placed& b, const Separation& start, d
   if (gjk.Evaluate(shape, to_bullet(-start.n)) != eGjkValid) return start;
   const auto [p_a, p_b] = nearest_points(gjk, shape);
   const Vector3d n = (p_b - p_a).stableNormalized();
+  Vector3d on_a = p_a / scale, on_b = p_b / scale;
+  if (margin > 0) {
+    on_a = on_b = Vector3d::Zero();
+    for (U i = 0; i < gjk.m_simplex->rank; ++i) {
+      const Vector3d d = from_bullet(gjk.m_simplex->c[i]->d);
+      on_a += gjk.m_simplex->p[i] * support(a, d);
+      on_b += gjk.m_simplex->p[i] * support(b, -d);
+    }
+  }
+  upper = (on_b - on_a).norm();
   const double gap = gap_along(a, b, n);
-  if (!(gap > start.gap)) return start;
-  Vector3d nearest = Vector3d::Zero();
-  for (U i = 0; i < gjk.m_simplex->rank; ++i) nearest += gjk.m_simplex->p[i] * support(b, -from_bullet(gjk.m_simplex->c[i]->d));
-  return {n, gap, nearest};
+  return gap > start.gap ? Separation{n, gap, on_b} : start;
 }
 
 Separation climb(const Placed& a, const Placed& b, const Separation& start) {
