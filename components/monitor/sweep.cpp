@@ -111,7 +111,8 @@ void Monitor::sweep() {
     const Pair& pair = pairs_[k];
     const double moved = parts_[pair.a]->motion + parts_[pair.b]->motion;
     const double most = std::max(least_[pair.group_a], least_[pair.group_b]);
-    if (pair.inflated == 0 || !(moved > 0) || bounds_[k] - moved >= most) continue;
+    // A motion without a bound, of a plane that turns, is left out.
+    if (pair.inflated == 0 || !(moved > 0 && moved < scene::kInfinity) || bounds_[k] - moved >= most) continue;
     // A bound below most + moved is the distance.
     const double least = least_distance(pair, bounds_[k], moved, most);
     for (const std::size_t group : {pair.group_a, pair.group_b}) least_[group] = std::min(least_[group], least);

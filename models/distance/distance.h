@@ -14,8 +14,8 @@ namespace cotwin::distance {
 
 /// The shortest way from a to b.
 struct Distance {
-  double d = scene::kInfinity;  // m; negative: they overlap, and moving b by -d n separates them
-  Eigen::Vector3d n = Eigen::Vector3d::UnitZ();
+  double d = scene::kInfinity;                   // m; negative: they overlap, and moving b by -d n separates them
+  Eigen::Vector3d n = Eigen::Vector3d::UnitZ();  // unit
   Eigen::Vector3d p_a = Eigen::Vector3d::Zero(), p_b = Eigen::Vector3d::Zero();  // on the surfaces, p_b = p_a + d n
 };
 
