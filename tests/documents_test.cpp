@@ -71,7 +71,8 @@ TEST(Documents, TheReadmeIsShortAndItsPicturesAreSmall) {
   const fs::path root = cotwin::places::source();
   std::ifstream in(root / "README.md");
   EXPECT_LE(std::distance(std::istream_iterator<std::string>(in), std::istream_iterator<std::string>()), 1400) << "words";
-  for (const auto& picture : fs::directory_iterator(root / "docs/pictures")) EXPECT_LE(picture.file_size(), 100'000u) << picture;
+  for (const auto& picture : fs::directory_iterator(root / "docs/pictures"))
+    EXPECT_LE(picture.file_size(), 100'000u) << picture;
 }
 
 }  // namespace
