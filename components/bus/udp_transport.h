@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "components/bus/transport.h"
+#include "components/bus/wake.h"
 #include "models/foundation/net/udp_socket.h"
 
 namespace cotwin::bus {

@@ -16,9 +16,10 @@
 #include <thread>
 #include <vector>
 
-#include "components/bus/bus.h"
+#include "components/bus/queue.h"
 #include "components/bus/state_database.h"
 #include "components/bus/udp_transport.h"
+#include "components/bus/wake.h"
 #include "tests/benchmarks/live_run.h"
 #include "tests/benchmarks/measure.h"
 
@@ -105,16 +106,16 @@ void print_latency(const std::string& name, Latencies& ours, const std::string& 
 }
 
 void latencies() {
-  Topic<std::int64_t> topic;
-  Subscription<std::int64_t>& subscription = topic.subscribe(Policy::kQueue, 1024);
+  SpscQueue<std::int64_t> queue(1024);
+  Wake wake;
   LockedQueue locked;
   const net::Endpoint any{0x7f000001, 0};
   UdpTransport a(any, {}, "bus"), b(any, a.local(), "bus");
   a.set_peer(b.local());
   const auto take = [&] {
     std::int64_t sent = 0;
-    subscription.wait();
-    subscription.take(sent);
+    wake.wait([&] { return !queue.empty(); });
+    queue.pop(sent);
     return sent;
   };
   const auto receive = [&] {
@@ -130,7 +131,12 @@ void latencies() {
   };
   Latencies ours, peer, udp;
   for (int round = 0; round < kRounds; ++round) {
-    ours.measure([&](std::int64_t t) { topic.publish(t); }, take);
+    ours.measure(
+        [&](std::int64_t t) {
+          queue.push(t);
+          wake.notify();
+        },
+        take);
     peer.measure([&](std::int64_t t) { locked.push(t); }, [&] { return locked.pop(); });
     udp.measure([&](std::int64_t t) { a.send(std::as_bytes(std::span(&t, 1))); }, receive);
   }
@@ -141,23 +147,25 @@ void latencies() {
 }
 
 void message_costs() {
-  Topic<std::int64_t> one, several(Publishers::kSeveral);
-  Subscription<std::int64_t>&spsc = one.subscribe(Policy::kQueue), &mpsc = several.subscribe(Policy::kQueue);
+  SpscQueue<std::int64_t> spsc(64);
+  MpscQueue<std::int64_t> mpsc(64);
+  Wake wake;
   LockedQueue locked;
   std::int64_t value = 0;
   const auto lock = [&] {
     locked.push(1);
     keep(locked.pop());
   };
-  const auto ours = [&](Topic<std::int64_t>& topic, Subscription<std::int64_t>& subscription) {
+  const auto ours = [&](auto& queue) {
     return [&] {
-      topic.publish(1);
-      subscription.take(value);
+      queue.push(1);
+      wake.notify();
+      queue.pop(value);
       keep(value);
     };
   };
-  const auto a = measure(ours(one, spsc), lock, 31, 2e-3, benchmark::thread_seconds);
-  const auto b = measure(ours(several, mpsc), lock, 31, 2e-3, benchmark::thread_seconds);
+  const auto a = measure(ours(spsc), lock, 31, 2e-3, benchmark::thread_seconds);
+  const auto b = measure(ours(mpsc), lock, 31, 2e-3, benchmark::thread_seconds);
   print({"publish and take, one publisher", "ns", a.ours * 1e9, "mutex and condition variable", a.peer * 1e9});
   print({"publish and take, several publishers", "ns", b.ours * 1e9, "mutex and condition variable", b.peer * 1e9});
 }

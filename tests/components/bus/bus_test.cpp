@@ -1,6 +1,7 @@
-// Queues, topics and requests between threads (components/bus/queue.h, bus.h).
-#include "components/bus/bus.h"
+// Queues, wake-ups and requests between threads (components/bus/queue.h, wake.h, service.h).
+#include "components/bus/queue.h"
 #include "components/bus/service.h"
+#include "components/bus/wake.h"
 
 #include <gtest/gtest.h>
 
@@ -14,7 +15,7 @@
 #include <thread>
 #include <vector>
 
-#include "tests/support/allocations.h"
+#include "tests/components/bus/local_transport.h"
 #include "tests/support/error_of.h"
 
 namespace cotwin::bus::bus_test {
@@ -129,24 +130,30 @@ TEST(BusThread, ASpscQueueCarriesEverythingInOrder) {
   writer.join();
 }
 
-TEST(BusThread, AnMpscTopicKeepsTheOrderOfEachPublisherAndCountsWhatItDrops) {
-  Topic<Message> topic(Publishers::kSeveral);
-  Subscription<Message>& subscription = topic.subscribe(Policy::kQueue, 32);
-  constexpr std::uint64_t kCount = 5'000, kPublishers = 4;
-  std::atomic<std::uint64_t> published = 0, dropped = 0;
-  std::vector<std::thread> publishers;
-  for (std::uint64_t p = 0; p < kPublishers; ++p) {
-    publishers.emplace_back([&, p] {
-      for (std::uint64_t i = 1; i <= kCount; ++i, ++published) dropped += topic.publish(message_of(p, i));
-      for (++published; topic.publish(message_of(p, kCount + 1)) != 0; ++published, ++dropped) std::this_thread::yield();
+TEST(BusThread, AnMpscQueueKeepsTheOrderOfEachWriterAndRefusesWhatDoesNotFit) {
+  MpscQueue<Message> queue(32);
+  Wake wake;
+  constexpr std::uint64_t kCount = 5'000, kWriters = 4;
+  std::atomic<std::uint64_t> accepted = 0;
+  std::vector<std::thread> writers;
+  for (std::uint64_t p = 0; p < kWriters; ++p) {
+    writers.emplace_back([&, p] {
+      const auto push = [&](std::uint64_t number) {
+        const bool pushed = queue.push(message_of(p, number));
+        if (pushed) ++accepted;
+        wake.notify();
+        return pushed;
+      };
+      for (std::uint64_t i = 1; i <= kCount; ++i) push(i);
+      while (!push(kCount + 1)) std::this_thread::yield();
     });
   }
-  std::vector<std::uint64_t> last(kPublishers);
+  std::vector<std::uint64_t> last(kWriters);
   std::uint64_t taken = 0, finished = 0;
   Message m;
-  while (finished < kPublishers) {
-    ASSERT_TRUE(subscription.wait(monotonic_ns() + kLong));
-    while (subscription.take(m)) {
+  while (finished < kWriters) {
+    ASSERT_TRUE(wake.wait([&] { return !queue.empty(); }, monotonic_ns() + kLong));
+    while (queue.pop(m)) {
       ++taken;
       ASSERT_TRUE(whole(m));
       ASSERT_GT(m.number, last[m.publisher]);
@@ -154,41 +161,8 @@ TEST(BusThread, AnMpscTopicKeepsTheOrderOfEachPublisherAndCountsWhatItDrops) {
       if (m.number == kCount + 1) ++finished;
     }
   }
-  for (std::thread& publisher : publishers) publisher.join();
-  // Every message was either taken or counted as lost.
-  EXPECT_EQ(subscription.lost(), dropped);
-  EXPECT_EQ(taken + dropped, published);
-}
-
-TEST(BusThread, TheLatestValueIsWholeAndTheLastOneStays) {
-  for (const Publishers publishers : {Publishers::kOne, Publishers::kSeveral}) {
-    Topic<Message> topic(publishers);
-    Subscription<Message>& subscription = topic.subscribe(Policy::kLatest);
-    constexpr std::uint64_t kCount = 20'000;
-    const std::uint64_t threads = publishers == Publishers::kOne ? 1 : 3;
-    std::vector<std::thread> running;
-    for (std::uint64_t p = 0; p < threads; ++p) {
-      running.emplace_back([&, p] {
-        for (std::uint64_t i = 1; i <= kCount; ++i) EXPECT_EQ(topic.publish(message_of(p, i)), 0u);
-      });
-    }
-    std::vector<std::uint64_t> last(threads);
-    std::uint64_t taken = 0;
-    Message m;
-    const auto take_all = [&] {
-      while (subscription.take(m)) {
-        ++taken;
-        ASSERT_TRUE(whole(m));
-        ASSERT_GT(m.number, last[m.publisher]);
-        last[m.publisher] = m.number;
-      }
-    };
-    for (int i = 0; i < 1000; ++i) take_all();
-    for (std::thread& thread : running) thread.join();
-    take_all();
-    EXPECT_EQ(taken + subscription.lost(), threads * kCount);
-    EXPECT_EQ(*std::max_element(last.begin(), last.end()), kCount);
-  }
+  for (std::thread& writer : writers) writer.join();
+  EXPECT_EQ(taken, accepted);
 }
 
 TEST(BusThread, ATripleBufferShowsWholePublications) {
@@ -218,42 +192,45 @@ TEST(BusThread, ATripleBufferShowsWholePublications) {
 // deadline.
 TEST(BusThread, NoWakeUpIsLost) {
   for (const Wake::Kind kind : {Wake::Kind::kBest, Wake::Kind::kPipe}) {
-    Topic<int> ping, pong;
-    Subscription<int>& at_pong = ping.subscribe(Policy::kQueue, 4, std::make_shared<Wake>(kind));
-    Subscription<int>& at_ping = pong.subscribe(Policy::kLatest, 1, std::make_shared<Wake>(kind));
+    SpscQueue<int> ping(4), pong(1);
+    Wake at_pong(kind), at_ping(kind);
     constexpr int kRounds = 2'000;
     std::thread other([&] {
       int value = 0;
       for (int i = 0; i < kRounds; ++i) {
-        ASSERT_TRUE(at_pong.wait(monotonic_ns() + kLong));
-        ASSERT_TRUE(at_pong.take(value));
-        pong.publish(value + 1);
+        ASSERT_TRUE(at_pong.wait([&] { return !ping.empty(); }, monotonic_ns() + kLong));
+        ASSERT_TRUE(ping.pop(value));
+        ASSERT_TRUE(pong.push(value + 1));
+        at_ping.notify();
       }
     });
     int value = 0;
     for (int i = 0; i < kRounds; ++i) {
-      ping.publish(value);
-      ASSERT_TRUE(at_ping.wait(monotonic_ns() + kLong));
-      ASSERT_TRUE(at_ping.take(value));
+      ASSERT_TRUE(ping.push(value));
+      at_pong.notify();
+      ASSERT_TRUE(at_ping.wait([&] { return !pong.empty(); }, monotonic_ns() + kLong));
+      ASSERT_TRUE(pong.pop(value));
     }
     other.join();
     EXPECT_EQ(value, kRounds);
   }
 }
 
-TEST(BusThread, OneThreadWaitsForSeveralTopics) {
-  Topic<int> a, b;
-  const auto wake = std::make_shared<Wake>();
-  Subscription<int>&from_a = a.subscribe(Policy::kQueue, 2000, wake), &from_b = b.subscribe(Policy::kQueue, 2000, wake);
-  const auto publish = [](Topic<int>& topic) {
-    for (int i = 1; i <= 1000; ++i) topic.publish(i);
+TEST(BusThread, OneThreadWaitsForSeveralQueues) {
+  SpscQueue<int> a(2000), b(2000);
+  Wake wake;
+  const auto fill = [&](SpscQueue<int>& queue) {
+    for (int i = 1; i <= 1000; ++i) {
+      EXPECT_TRUE(queue.push(i));
+      wake.notify();
+    }
   };
-  std::thread first([&] { publish(a); }), second([&] { publish(b); });
+  std::thread first([&] { fill(a); }), second([&] { fill(b); });
   int sum = 0, value = 0;
   while (sum < 1'001'000) {  // 2 · (1 + … + 1000)
-    ASSERT_TRUE(wake->wait([&] { return !from_a.empty() || !from_b.empty(); }, monotonic_ns() + kLong));
-    while (from_a.take(value)) sum += value;
-    while (from_b.take(value)) sum += value;
+    ASSERT_TRUE(wake.wait([&] { return !a.empty() || !b.empty(); }, monotonic_ns() + kLong));
+    while (a.pop(value)) sum += value;
+    while (b.pop(value)) sum += value;
   }
   first.join();
   second.join();
@@ -307,39 +284,15 @@ TEST(BusThread, EachClientGetsTheAnswersToItsOwnRequests) {
 }
 
 TEST(Bus, WaitingEndsAtTheDeadline) {
-  Topic<int> topic;
-  Subscription<int>& subscription = topic.subscribe(Policy::kQueue);
+  SpscQueue<int> queue(4);
+  Wake wake;
+  const auto filled = [&] { return !queue.empty(); };
   const std::int64_t deadline = monotonic_ns() + 2'000'000;
-  EXPECT_FALSE(subscription.wait(deadline));
+  EXPECT_FALSE(wake.wait(filled, deadline));
   EXPECT_GE(monotonic_ns(), deadline);
-  EXPECT_FALSE(subscription.wait(0)) << "a deadline in the past";
-  topic.publish(1);
-  EXPECT_TRUE(subscription.wait(0)) << "there is a message";
-}
-
-TEST(Bus, PublishingAllocatesNothingWhateverTheSubscribersDo) {
-  for (const Publishers publishers : {Publishers::kOne, Publishers::kSeveral}) {
-    Topic<Message> topic(publishers);
-    Subscription<Message>& queue = topic.subscribe(Policy::kQueue, 4);
-    Subscription<Message>& latest = topic.subscribe(Policy::kLatest);
-    const std::uint64_t before = testing::allocations();
-    for (std::uint64_t i = 0; i < 1'000; ++i) topic.publish(message_of(0, i));
-    EXPECT_EQ(testing::allocations(), before);
-    EXPECT_EQ(queue.lost(), 1'000u - 4u);
-    EXPECT_EQ(latest.lost(), 1'000u - 1u);
-    Message m;
-    ASSERT_TRUE(queue.take(m));
-    EXPECT_EQ(m.number, 0u) << "a queue keeps the oldest messages";
-    ASSERT_TRUE(latest.take(m));
-    EXPECT_EQ(m.number, 999u);
-    EXPECT_FALSE(latest.take(m));
-  }
-}
-
-TEST(Bus, RefusesTheThirtyThirdSubscriber) {
-  Topic<int> topic;
-  for (std::size_t i = 0; i < Topic<int>::kMaxSubscribers; ++i) topic.subscribe(Policy::kLatest);
-  EXPECT_EQ(testing::error_of([&] { topic.subscribe(Policy::kLatest); }), "bus: a topic has 32 subscribers, expected no more");
+  EXPECT_FALSE(wake.wait(filled, 0)) << "a deadline in the past";
+  queue.push(1);
+  EXPECT_TRUE(wake.wait(filled, 0)) << "there is a value";
 }
 
 }  // namespace

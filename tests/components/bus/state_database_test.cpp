@@ -1,5 +1,4 @@
-// State databases: differences, versions, recovery (components/bus/state_database.h), consistent cuts (state_cut.h), and their
-// transports.
+// State databases: differences, versions, recovery (components/bus/state_database.h), and their transports.
 #include "components/bus/state_database.h"
 
 #include <gmock/gmock-matchers.h>
@@ -14,9 +13,9 @@
 #include <thread>
 #include <vector>
 
-#include "components/bus/state_cut.h"
 #include "components/bus/state_exchange.h"
 #include "components/bus/udp_transport.h"
+#include "tests/components/bus/local_transport.h"
 #include "tests/support/allocations.h"
 #include "tests/support/database_trial.h"
 #include "tests/support/error_of.h"
@@ -426,114 +425,6 @@ TEST(StateThread, AReplicaInAnotherThreadHasTheStatesOfOneTick) {
   }
   done = true;
   fast.join();
-}
-
-TEST(StateCut, IsTheNewestEpochThatAllDatabasesHave) {
-  StateCut cut({{8, 1}, {8, 4}});  // the second one publishes in every fourth epoch
-  const auto add = [&](std::size_t database, std::int64_t epoch) {
-    std::array<std::byte, 8> image;
-    std::memcpy(image.data(), &epoch, 8);
-    cut.add(database, 1, epoch, image);
-  };
-  EXPECT_EQ(cut.epoch(), StateCut::kNone);
-  add(0, 0);
-  EXPECT_FALSE(cut.take()) << "the second one is not known";
-  add(1, 0);
-  ASSERT_TRUE(cut.take());
-  EXPECT_EQ(cut.epoch(), 0);
-  add(0, 3);
-  ASSERT_TRUE(cut.take());
-  EXPECT_EQ(cut.epoch(), 3);
-  EXPECT_EQ(cut.published(1), 0);
-  add(0, 4);
-  add(0, 5);
-  EXPECT_FALSE(cut.take()) << "what the second one has at 4 is not known yet";
-  add(1, 4);
-  ASSERT_TRUE(cut.take());
-  EXPECT_EQ(cut.epoch(), 5);
-  EXPECT_EQ(cut.published(0), 5);
-  EXPECT_EQ(cut.published(1), 4);
-  EXPECT_FALSE(cut.take());
-}
-
-// Each life begins at epoch 0 again. An image holds session and epoch.
-TEST(StateCut, FollowsOwnersThatStartAgainAndMixesNoTwoLives) {
-  StateCut cut({{16, 1, 0}, {16, 1, 0}, {16, 1, 1}});
-  const auto add = [&](std::size_t database, std::uint64_t session, std::int64_t epoch) {
-    std::array<std::byte, 16> image;
-    std::memcpy(image.data(), &session, 8);
-    std::memcpy(image.data() + 8, &epoch, 8);
-    cut.add(database, session, epoch, image);
-  };
-  const auto expect_cut = [&](std::int64_t epoch, std::uint64_t of_first, std::uint64_t of_second) {
-    ASSERT_TRUE(cut.take());
-    EXPECT_EQ(cut.epoch(), epoch);
-    for (const std::size_t d : {0u, 1u, 2u}) {
-      std::uint64_t session;
-      std::memcpy(&session, cut.image(d).data(), 8);
-      EXPECT_EQ(session, d < 2 ? of_first : of_second);
-      EXPECT_EQ(cut.session(d), session);
-      EXPECT_EQ(cut.published(d), epoch);
-    }
-  };
-  for (std::int64_t epoch = 0; epoch <= 5; ++epoch) {
-    for (const std::size_t d : {0u, 1u, 2u}) add(d, d < 2 ? 1 : 2, epoch);
-    expect_cut(epoch, 1, 2);
-  }
-  // The first owner starts again; of its second database only the earlier life is known, with the same epochs.
-  for (std::int64_t epoch = 0; epoch <= 5; ++epoch) {
-    add(0, 3, epoch);
-    EXPECT_FALSE(cut.take()) << epoch;
-  }
-  EXPECT_EQ(cut.epoch(), 5) << "the reader keeps the last cut";
-  for (std::int64_t epoch = 0; epoch <= 5; ++epoch) {
-    add(1, 3, epoch);
-    expect_cut(epoch, 3, 2);
-  }
-  // The other owner starts again at the epoch at which it ended.
-  add(2, 4, 5);
-  expect_cut(5, 3, 4);
-  add(2, 5, 6);
-  EXPECT_FALSE(cut.take()) << "at 5 the third database is of the life before";
-  add(0, 3, 6);
-  add(1, 3, 6);
-  expect_cut(6, 3, 5);
-}
-
-TEST(StateCutThread, NeverMixesEpochs) {
-  // Two databases that arrive with different delays and gaps; each image holds its epoch in every word.
-  constexpr std::size_t kBytes = 512;
-  StateCut cut({{kBytes, 1}, {kBytes, 1}});
-  constexpr std::int64_t kTicks = 20'000;
-  std::thread writer([&] {
-    std::mt19937_64 random(8);
-    std::array<std::int64_t, 2> at = {0, 0};
-    std::vector<std::byte> image(kBytes);
-    while (at[0] < kTicks || at[1] < kTicks) {
-      std::size_t d = random() % 2;
-      if (at[d] == kTicks || at[d] > at[1 - d] + 5) d = 1 - d;
-      at[d] = random() % 10 == 0 ? std::min(at[d] + 2, kTicks) : at[d] + 1;  // some are lost
-      for (std::size_t i = 0; i < kBytes; i += 8) std::memcpy(&image[i], &at[d], 8);
-      cut.add(d, 1, at[d], image);
-    }
-  });
-  std::int64_t seen = 0;
-  while (seen < kTicks) {
-    if (!cut.take()) {
-      std::this_thread::yield();
-      continue;
-    }
-    ASSERT_GT(cut.epoch(), seen);
-    seen = cut.epoch();
-    for (const std::size_t d : {0u, 1u}) {
-      for (std::size_t i = 0; i < kBytes; i += 8) {
-        std::int64_t value;
-        std::memcpy(&value, &cut.image(d)[i], 8);
-        ASSERT_EQ(value, seen);
-      }
-    }
-  }
-  writer.join();
 }
 
 const net::Endpoint kAnyPort{0x7f000001, 0};
