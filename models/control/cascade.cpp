@@ -337,16 +337,6 @@ void Cascade::project(VectorOut v, const VectorIn& tau) {
   backward(x, v.data());
 }
 
-// Nᵀ = L (I − Yᵀ Y) L⁻¹
-void Cascade::project_force(VectorOut tau) {
-  double* x = x_.data();
-  std::copy_n(tau.data(), n_, x);
-  lower_solve(x);
-  remove(x, rows_);
-  for (int i = 0; i < n_; ++i) x[i] *= root_[static_cast<std::size_t>(i)];
-  for (int i = 0; i < n_; ++i) tau[i] = x[i] + dot(l_.data() + i * n_, x, i);
-}
-
 void Cascade::solve_mass(VectorOut x) {
   std::copy_n(x.data(), n_, x_.data());
   lower_solve(x_.data());
@@ -395,29 +385,6 @@ void Cascade::split(VectorOut v, std::vector<Eigen::VectorXd>& forces) {
     }
   });
   backward(x, v.data());
-}
-
-void Cascade::projector(MatrixOut N) {
-  N.setIdentity();
-  for (int j = 0; j < n_; ++j) project(N.col(j));
-}
-
-void Cascade::inverse(std::size_t k, MatrixOut J_bar) {
-  const Task& task = tasks[k];
-  Level& level = levels_[k];
-  const int m = static_cast<int>(task.a.size());
-  J_bar.setZero();
-  if (!level.active) return;
-  double* t = level.t.data();
-  for (int column = 0; column < m; ++column) {
-    std::fill(z_.begin(), z_.end(), 0.0);
-    for (int i = 0; i < m; ++i) {
-      const double* R = level.R.data() + i * m;
-      t[i] = ((i == column ? task.scale[i] : 0) - dot(R, t, i)) / R[i];
-      add(level.root * t[i], Y_.data() + (level.first + i) * n_, z_.data(), n_);
-    }
-    backward(z_.data(), J_bar.col(column).data());
-  }
 }
 
 }  // namespace cotwin::control

@@ -64,17 +64,12 @@ class Cascade {
   void project(VectorOut v);
   /// v ← N_r (v + M⁻¹ τ).
   void project(VectorOut v, const VectorIn& tau);
-  /// τ ← N_rᵀ τ: the part of a joint torque that accelerates no task.
-  void project_force(VectorOut tau);
   /// x ← M⁻¹ x.
   void solve_mass(VectorOut x);
   /// A ← N_k M⁻¹ (n x n, symmetric): the accelerations by joint torques that do not act on the first `kept` tasks, 0 to r.
   void mobility(std::size_t kept, MatrixOut A);
   /// Splits v: on return v ← N_r v, and forces[k] are such that M (v_before − v) = Σ J_kᵀ forces[k]. In units of the tasks.
   void split(VectorOut v, std::vector<Eigen::VectorXd>& forces);
-  /// N_r (n x n) and J̄_k|p (n x rows), for inspection.
-  void projector(MatrixOut N);
-  void inverse(std::size_t k, MatrixOut J_bar);
 
  private:
   using Square = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor, kMostRows, kMostRows>;

@@ -140,26 +140,6 @@ Border damping_border(const Loop& loop, double M) {
   }
 }
 
-double stiffness_border(Loop loop, double M, double D) {
-  const auto stable = [&](double K_h) {
-    loop.K_h = K_h;
-    return unstable_poles(loop, M, D) == 0;
-  };
-  constexpr double kLeast = 1, kMost = 1e8, kRatio = 1.1;  // N/m
-  if (!stable(kLeast)) return 0;
-  double low = kLeast;
-  while (stable(low * kRatio)) {
-    low *= kRatio;
-    if (low > kMost) return std::numeric_limits<double>::infinity();
-  }
-  double high = low * kRatio;
-  while (high > low * (1 + 1e-5)) {
-    const double middle = std::sqrt(low * high);
-    (stable(middle) ? low : high) = middle;
-  }
-  return low;
-}
-
 int unstable_poles(const Loop& loop, double M, double D) {
   check(loop, M > 0 ? M : 1);
   int poles = 0;

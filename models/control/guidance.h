@@ -41,10 +41,6 @@ struct Border {
 /// so every ω that fulfils the first equation belongs to one D; the largest is the border. The delay is exact.
 Border damping_border(const Loop& loop, double M);
 
-/// The largest K_h at which the loop does not vibrate with M and D, for all smaller ones too, to 1e-4; infinity if there is none up
-/// to 1e8 N/m. 0: it vibrates at 1 N/m.
-double stiffness_border(Loop loop, double M, double D);
-
 /// The number of poles with a positive real part, by the argument principle (Nyquist). The delay is exact. 0 for M: q_c does not depend on the
 /// hand, and the poles are those of robot and synchronisation.
 int unstable_poles(const Loop& loop, double M, double D);

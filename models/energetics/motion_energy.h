@@ -48,27 +48,4 @@ struct MotionEnergy {
 MotionEnergy energy_of_motion(const RigidRobot& robot, const trajectory::Path& path, Accountant& accountant,
                               const Standby& standby, double stretch = 1, double V = 0, MotionGrid grid = {});
 
-/// Energy of a motion as a function of the factor κ of its duration (q(t) = p(t/κ)), for a link that stores or feeds back all that
-/// comes back:
-///   E(κ) = c3/κ³ + c2/κ² + c1/κ + c0 + idle κ
-/// With τ = a/κ² + σp′/κ + b, a = (M + B)p″ + C p′, b = τ_C sgn p′ + τ_0 + g, and r = m R/k_t²: c3 = ∫Σ r a², c2 = 2∫Σ r a σp′,
-/// c1 = ∫Σ r (σ²p′² + 2ab) + ∫Σ (σ + k_e) p′², c0 = 2∫Σ r σp′b + Δpotential + ∫Σ (τ_C + k_h) |p′| + τ_0 Δp, idle = ∫Σ r b² + P T.
-/// The losses V_0 |i| of converters are not polynomial and not included.
-struct StretchEnergy {
-  double c3 = 0, c2 = 0, c1 = 0, c0 = 0, idle = 0;
-  double duration = 0;  // s, at κ = 1
-
-  double at(double stretch) const;
-  /// The least of at() in [low, high], 0 < low ≤ high (high may be infinite if idle > 0).
-  double best(double low, double high) const;
-};
-
-/// The polynomial for the power `P` (W) that is drawn whether or not the robot moves. `only_torques`: ∫ Σ r τ² dt alone, without
-/// mechanical work and P.
-StretchEnergy stretch_energy(const RigidRobot& robot, const trajectory::Path& path, const Accountant& accountant, double P,
-                             bool only_torques = false, MotionGrid grid = {});
-
-/// The duration of least P T + A/T³: (3A/P)^(1/4), s.
-double best_duration(double P, double A);
-
 }  // namespace cotwin::energetics

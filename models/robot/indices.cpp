@@ -1,5 +1,4 @@
 #include "models/robot/indices.h"
-#include "models/numerics/dense.h"
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -21,7 +20,6 @@ constexpr double kPivot = 1e-14;
 /// distance from the base, or of 1 m. It is squared in Λ⁻¹.
 constexpr double kStuck = 1e-12;
 /// Eigenvalues of Λ⁻¹ below this part of the largest one, and squares of a direction's part in their space, are rounding.
-constexpr double kNull = 1e-14;
 /// Cosine of the angle between rows that count as orthogonal, and a bound of the sweeps, of which five are usual.
 constexpr double kOrthogonal = 1e-14;
 constexpr int kMostSweeps = 30;
@@ -107,45 +105,23 @@ double mobility(const FrameInertia& f, Block block, const Eigen::Vector3d& u) {
   return sum <= kStuck * kStuck * largest_mobility(f.Lambda_inverse, block, distance) ? 0 : sum;
 }
 
-/// uᵀ A⁺ u for a symmetric A ≥ 0; +∞ if u is not in its range.
-template <int N>
-double inverse_form(const Eigen::Matrix<double, N, N>& A, const Eigen::Matrix<double, N, 1>& u) {
-  const numerics::SymmetricEigen<N> eigen = numerics::symmetric_eigen<N>(A);
-  const double largest = eigen.values[N - 1];
-  double sum = 0;
-  for (Eigen::Index i = 0; i < N; ++i) {
-    const double part = std::pow(u.dot(eigen.vectors.col(i)), 2);
-    if (eigen.values[i] > kNull * largest) {
-      sum += part / eigen.values[i];
-    } else if (part > kNull) {
-      return kInfinite;
-    }
-  }
-  return sum;
-}
-
-/// y_k = sᵀ ∂(J a)/∂q_k of the block with direction u. Without mimics joints are in the order of the chain, where
-/// ∂J_v,i/∂q_k = ω_min(i,k) × J_v,max(i,k) and ∂ω_i/∂q_k = ω_k × ω_i for k < i.
-void turn_jacobian_of_chain(FrameInertia& f, Block block, const Eigen::Vector3d& u) {
+/// y_k = uᵀ ∂(J_v a)/∂q_k. Without mimics joints are in the order of the chain, where ∂J_v,i/∂q_k = ω_min(i,k) × J_v,max(i,k).
+void turn_jacobian_of_chain(FrameInertia& f, const Eigen::Vector3d& u) {
   Eigen::Vector3d before = Eigen::Vector3d::Zero(), after = Eigen::Vector3d::Zero();
-  for (Eigen::Index i = 0; i < f.x.size(); ++i) after += f.x[i] * f.J.col(i).segment<3>(block);
+  for (Eigen::Index i = 0; i < f.x.size(); ++i) after += f.x[i] * f.J.col(i).head<3>();
   for (Eigen::Index k = 0; k < f.x.size(); ++k) {
     const Eigen::Vector3d w = f.J.col(k).tail<3>();
-    after -= f.x[k] * f.J.col(k).segment<3>(block);
+    after -= f.x[k] * f.J.col(k).head<3>();
     f.y[k] = u.dot(w.cross(after));
-    if (block == kRotation) continue;
     before += f.x[k] * w;
     f.y[k] += u.dot(before.cross(f.J.col(k).head<3>()));
   }
 }
 
-/// The same for any robot. J̇ q̇ is a quadratic form of q̇, of which (a, e_k) gives the symmetric part of ∂(J a)/∂q_k; that of
-/// rotations also has a skew one: ∂ω_i/∂q_k − ∂ω_k/∂q_i = ω_k × ω_i.
+/// The same for any robot: J̇ q̇ is a quadratic form of q̇, of which (a, e_k) gives ∂(J_v a)/∂q_k.
 void turn_jacobian(const Mechanism& mechanism, Data& data, const VectorIn& q, const FrameOnBody& frame, FrameInertia& f,
-                   Block block, const Eigen::Vector3d& u) {
+                   const Eigen::Vector3d& u) {
   Twist plus, minus;
-  Eigen::Vector3d w = Eigen::Vector3d::Zero();
-  for (Eigen::Index i = 0; i < f.x.size(); ++i) w += f.x[i] * f.J.col(i).tail<3>();
   for (Eigen::Index k = 0; k < f.x.size(); ++k) {
     const double x = f.x[k];
     f.x[k] = x + 1;
@@ -153,33 +129,7 @@ void turn_jacobian(const Mechanism& mechanism, Data& data, const VectorIn& q, co
     f.x[k] = x - 1;
     jacobian_dot_times_dq(mechanism, data, q, f.x, frame, minus);
     f.x[k] = x;
-    f.y[k] = u.dot((plus - minus).segment<3>(block)) / 4;
-    if (block == kRotation) f.y[k] += u.dot(f.J.col(k).tail<3>().cross(w)) / 2;
-  }
-}
-
-void gradient_of(const Mechanism& mechanism, Data& data, const VectorIn& q, const FrameOnBody& frame, FrameInertia& f,
-                 Block block, const Eigen::Vector3d& u, Direction direction, VectorOut gradient) {
-  assert(q.size() == f.D.size() && gradient.size() == q.size());
-  const double inverse = mobility(f, block, u);
-  if (!(inverse > 0) || std::isinf(inverse)) {
-    gradient.setZero();
-    return;
-  }
-  for (Eigen::Index i = 0; i < f.x.size(); ++i) f.x[i] = u.dot(f.J_over_M.col(i).segment<3>(block));
-  if (mechanism.body_count() == mechanism.n()) {
-    turn_jacobian_of_chain(f, block, u);
-  } else {
-    turn_jacobian(mechanism, data, q, frame, f, block, u);
-  }
-  coriolis_matrix(mechanism, data, q, f.x, f.C);
-  const Eigen::Vector3d motion = f.Lambda_inverse.block<3, 3>(block, block) * u;
-  for (Eigen::Index k = 0; k < f.x.size(); ++k) {
-    double change = 2 * f.y[k];
-    for (Eigen::Index i = 0; i < f.x.size(); ++i) change -= 2 * f.C(i, k) * f.x[i];
-    const Eigen::Vector3d w = f.J.col(k).tail<3>();
-    if (direction == Direction::kInFrame) change += 2 * w.cross(u).dot(motion);
-    gradient[k] = f.locked[k] ? 0 : -change / inverse / inverse;
+    f.y[k] = u.dot((plus - minus).head<3>()) / 4;
   }
 }
 
@@ -265,26 +215,29 @@ void frame_inertia(const FloatingMechanism& mechanism, FloatingData& d, const Ve
 double effective_mass(const FrameInertia& f, const Eigen::Vector3d& u) { return 1 / mobility(f, kTranslation, u); }
 double effective_inertia(const FrameInertia& f, const Eigen::Vector3d& u) { return 1 / mobility(f, kRotation, u); }
 
-// Rotations count with a length that makes both blocks alike; the result does not depend on it.
-double guided_mass(const FrameInertia& f, const Eigen::Vector3d& u, Rotation rotation) {
-  if (mobility(f, kTranslation, u) == 0) return kInfinite;
-  if (rotation == Rotation::kFree) return inverse_form<3>(f.Lambda_inverse.topLeftCorner<3, 3>(), u);
-  const double v = f.Lambda_inverse.topLeftCorner<3, 3>().trace(), w = f.Lambda_inverse.bottomRightCorner<3, 3>().trace();
-  const double length = w > 0 ? std::sqrt(v / w) : 1;
-  Vector6 scale, s;
-  scale << Eigen::Vector3d::Ones(), Eigen::Vector3d::Constant(length);
-  s << u, Eigen::Vector3d::Zero();
-  return inverse_form<6>(scale.asDiagonal() * f.Lambda_inverse * scale.asDiagonal(), s);
-}
-
 void effective_mass_gradient(const Mechanism& mechanism, Data& data, const VectorIn& q, const FrameOnBody& frame,
-                             FrameInertia& inertia, const Eigen::Vector3d& u, Direction direction, VectorOut gradient) {
-  gradient_of(mechanism, data, q, frame, inertia, kTranslation, u, direction, gradient);
-}
-
-void effective_inertia_gradient(const Mechanism& mechanism, Data& data, const VectorIn& q, const FrameOnBody& frame,
-                                FrameInertia& inertia, const Eigen::Vector3d& u, Direction direction, VectorOut gradient) {
-  gradient_of(mechanism, data, q, frame, inertia, kRotation, u, direction, gradient);
+                             FrameInertia& f, const Eigen::Vector3d& u, Direction direction, VectorOut gradient) {
+  assert(q.size() == f.D.size() && gradient.size() == q.size());
+  const double inverse = mobility(f, kTranslation, u);
+  if (!(inverse > 0) || std::isinf(inverse)) {
+    gradient.setZero();
+    return;
+  }
+  for (Eigen::Index i = 0; i < f.x.size(); ++i) f.x[i] = u.dot(f.J_over_M.col(i).head<3>());
+  if (mechanism.body_count() == mechanism.n()) {
+    turn_jacobian_of_chain(f, u);
+  } else {
+    turn_jacobian(mechanism, data, q, frame, f, u);
+  }
+  coriolis_matrix(mechanism, data, q, f.x, f.C);
+  const Eigen::Vector3d motion = f.Lambda_inverse.topLeftCorner<3, 3>() * u;
+  for (Eigen::Index k = 0; k < f.x.size(); ++k) {
+    double change = 2 * f.y[k];
+    for (Eigen::Index i = 0; i < f.x.size(); ++i) change -= 2 * f.C(i, k) * f.x[i];
+    const Eigen::Vector3d w = f.J.col(k).tail<3>();
+    if (direction == Direction::kInFrame) change += 2 * w.cross(u).dot(motion);
+    gradient[k] = f.locked[k] ? 0 : -change / inverse / inverse;
+  }
 }
 
 Manipulability::Manipulability(int n) : rows(n, 3) {}
@@ -319,6 +272,5 @@ void dynamic_manipulability(const Mechanism& mechanism, Data& data, const Vector
 double reduced_mass(double m_u, double m_H) { return 1 / (1 / m_u + 1 / m_H); }
 double collision_energy(double mu, double v) { return mu * v * v / 2; }
 double speed_limit_of_force(double F_max, double k_H, double mu) { return F_max / std::sqrt(mu * k_H); }
-double speed_limit_of_energy(double E_max, double mu) { return std::sqrt(2 * E_max / mu); }
 
 }  // namespace cotwin::robot

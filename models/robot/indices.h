@@ -50,20 +50,13 @@ double effective_mass(const FrameInertia&, const Eigen::Vector3d& u);
 /// I_u, kg m².
 double effective_inertia(const FrameInertia&, const Eigen::Vector3d& u);
 
-/// Mass along u of a frame that is guided along u, kg: it cannot move at right angles to u. With free rotation uᵀ Λ_v u; with
-/// prevented rotation uᵀ Λ u, all six dimensions. At least m_u. Joints that move no mass are held here.
-enum class Rotation { kFree, kPrevented };
-double guided_mass(const FrameInertia&, const Eigen::Vector3d& u, Rotation rotation);
-
 /// Whether u keeps its direction in the base or turns with the frame.
 enum class Direction { kInBase, kInFrame };
-/// ∂m_u/∂q (n, kg per rad or m) and ∂I_u/∂q, analytically; B is constant. `inertia` at q for the same frame. 0 where the mass
+/// ∂m_u/∂q (n, kg per rad or m), analytically; B is constant. `inertia` at q for the same frame. 0 where the mass
 /// is infinite, and for locked joints. With a = M⁻¹ J_vᵀ u:
 ///   ∂m_u/∂q_k = −m_u² (2 uᵀ ∂(J_v a)/∂q_k − aᵀ ∂M/∂q_k a [+ 2 (ω_k × u)ᵀ Λ_v⁻¹ u, u in the frame]),  aᵀ ∂M/∂q a = 2 C(q, a)ᵀ a
 void effective_mass_gradient(const Mechanism&, Data&, const VectorIn& q, const FrameOnBody& frame, FrameInertia& inertia,
                              const Eigen::Vector3d& u, Direction direction, VectorOut gradient);
-void effective_inertia_gradient(const Mechanism&, Data&, const VectorIn& q, const FrameOnBody& frame, FrameInertia& inertia,
-                                const Eigen::Vector3d& u, Direction direction, VectorOut gradient);
 
 /// An ellipsoid of velocities or accelerations of F, in the axes of B.
 struct Ellipsoid {
@@ -95,9 +88,8 @@ void dynamic_manipulability(const Mechanism&, Data&, const VectorIn& q, const Ve
 double reduced_mass(double m_u, double m_H);
 /// Energy that goes into a collision at the relative speed v, ½ μ v², J.
 double collision_energy(double mu, double v);
-/// Relative speed at which a body part with the spring constant k_H (N/m) receives the force F_max (N), F_max/√(μ k_H), or the
-/// energy E_max (J), √(2 E_max/μ); m/s.
+/// Relative speed at which a body part with the spring constant k_H (N/m) receives the force F_max (N), F_max/√(μ k_H),
+/// m/s.
 double speed_limit_of_force(double F_max, double k_H, double mu);
-double speed_limit_of_energy(double E_max, double mu);
 
 }  // namespace cotwin::robot

@@ -69,7 +69,7 @@ int main() {
   TorqueData data(robot);
   const double compression = least_seconds(2, [&] {
     data = TorqueData(robot);
-    for (std::size_t i = 0; i < kWhole / kPart; ++i) data.add(samples);
+    for (std::size_t i = 0; i < kWhole / kPart; ++i) add(data, samples);
     data.flush();
   });
   const robot::Mechanism mechanism(robot);
@@ -103,12 +103,12 @@ int main() {
   // The time of the peer is that of one particle times 500 · 200, because the whole run would take minutes to hours.
   constexpr double kEvaluations = 500.0 * 200;
   for (const std::size_t count : {std::size_t{1000}, kPart}) {
-    TorqueData part(robot);
-    part.add(samples.part(0, count));
-    const Problem problem(part, prior);
+    TorqueData block(robot);
+    add(block, part(samples, 0, count));
+    const Problem problem(block, prior);
     benchmark::print({"tuning, 500 rounds of 200 particles, " + std::to_string(count) + " samples, one core", "s",
                       swarm_seconds(problem, {}), "inverse dynamics of all samples per particle",
-                      kEvaluations * direct_evaluation(robot, samples.part(0, count)), 0.3, false});
+                      kEvaluations * direct_evaluation(robot, part(samples, 0, count)), 0.3, false});
   }
   const Problem problem(data, prior);
   benchmark::print({"tuning, 500 rounds of 200 particles, 1000000 samples, one core", "s", swarm_seconds(problem, {}),
@@ -120,7 +120,7 @@ int main() {
   ModelOptions sigmoid;
   sigmoid.friction = FrictionLaw::kSigmoid;
   TorqueData curved(robot, sigmoid);
-  curved.add(samples.part(0, 20000));
+  add(curved, part(samples, 0, 20000));
   const Problem shaped(curved, prior);
   benchmark::print({"the same with sigmoid friction in the search", "s", swarm_seconds(shaped, {}), "with Coulomb friction",
                     swarm_seconds(problem, {}), 0, true});

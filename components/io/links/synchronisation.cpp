@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "models/numerics/jury.h"
 #include "models/trajectory/approach.h"
 
 namespace cotwin::io {
@@ -66,15 +65,6 @@ std::span<const double> Synchronisation::rest(const Gains& gains, double h) {
   has_target_ = false;
   since_start_ = 0;
   return q_;
-}
-
-bool is_synchronisation_stable(double a, double K_P, double K_D_over_h, std::size_t delay) {
-  std::vector<double> c(4 + delay);
-  c[0] = 1;
-  c[1] = a - 1;
-  c[2 + delay] += a * (K_P + K_D_over_h);
-  c[3 + delay] = -a * K_D_over_h;
-  return numerics::is_stable_polynomial(c);
 }
 
 }  // namespace cotwin::io

@@ -55,9 +55,4 @@ class Synchronisation {
   double since_start_ = 0;      // s
 };
 
-/// Whether robot and twin stay together: all poles are inside the unit circle for a robot that follows its command with
-/// q_r(k+1) = q_r(k) + a (q_cmd(k − delay) − q_r(k)), a > 0, and `delay` further cycles of transport. Characteristic polynomial
-///   z^(3+delay) − (1 − a) z^(2+delay) + a (K_P + K_D/h) z − a K_D/h
-bool is_synchronisation_stable(double a, double K_P, double K_D_over_h, std::size_t delay = 0);
-
 }  // namespace cotwin::io

@@ -109,6 +109,10 @@ std::string closest(std::string_view wanted, const std::vector<std::string>& can
       best = candidate;
     }
   }
+  if (best.empty() && wanted.size() > 2) {
+    const auto longer = std::ranges::find_if(candidates, [&](const std::string& c) { return c.starts_with(wanted); });
+    if (longer != candidates.end()) best = *longer;
+  }
   return best;
 }
 

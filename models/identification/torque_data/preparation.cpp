@@ -10,41 +10,6 @@
 
 namespace cotwin::identification {
 
-using trajectory::Series;
-
-Samples prepare(const Series& q, const Series& dq, const Series& tau, const Series& theta, const PreparationOptions& options) {
-  if (q.size() < 4) throw Error("recording", "has " + std::to_string(q.size()) + " samples, expected at least 4");
-  for (const Series* other : {&dq, &tau, &theta})
-    if (other->size() != 0 && (other->size() != q.size() || other->width != q.width))
-      throw Error("recording", std::to_string(other->size()) + " samples of " + std::to_string(other->width) +
-                                   " joints beside positions of " + std::to_string(q.size()) + " of " +
-                                   std::to_string(q.width));
-  if (tau.size() == 0) throw Error("recording", "has no torques, expected as many as joints");
-  const double rate = 1 / trajectory::median_step(q.t);
-  const double cutoff = options.cutoff == 0 ? std::min(10.0, rate / 10) : options.cutoff;
-  const auto filtered = [&](const Series& s) { return cutoff < 0 ? s : trajectory::smooth(s, cutoff, options.order); };
-
-  const Series position = filtered(q);
-  const Series speed = dq.size() != 0 ? filtered(dq) : trajectory::differentiate(position);
-  const Series torque = filtered(tau);
-  Samples all;
-  all.joints = q.width;
-  all.t = position.t;
-  all.q = position.x;
-  all.dq = speed.x;
-  all.ddq = trajectory::differentiate(speed).x;
-  all.tau = torque.x;
-  if (theta.size() != 0) {
-    const Series motor = trajectory::differentiate(filtered(theta));
-    all.dtheta = motor.x;
-    all.ddtheta = trajectory::differentiate(motor).x;
-  }
-  if (!(options.trim >= 0 && options.trim < 0.5))
-    throw Error("trim", text::to_text(options.trim) + ", expected 0 to below 0.5");
-  const auto cut = static_cast<std::size_t>(options.trim * static_cast<double>(all.t.size()));
-  return all.part(cut, all.t.size() - cut);
-}
-
 namespace {
 
 /// y'' + 2 ω y' + ω² y = ω² u over a time h in which u goes linearly from u_0 to u_1, exactly. With e = y − (u − 2 u'/ω), the

@@ -3,23 +3,7 @@
 #include <span>
 #include <vector>
 
-#include "models/identification/torque_data/torque_model.h"
-#include "models/trajectory/series/series.h"
-
 namespace cotwin::identification {
-
-struct PreparationOptions {
-  double cutoff = 0;   // Hz of the zero-phase low-pass on q, q̇ and τ alike; 0: a tenth of the rate, at most 10 Hz; < 0: none
-  int order = 4;       // of one pass (models/trajectory/series/filter.h)
-  double trim = 0.02;  // share of the recording cut off at each end, where derivatives are one-sided
-};
-
-/// Samples for identification from a recording. Positions (and speeds, where measured) and torques pass the same zero-phase
-/// filter. q̈ is the derivative of the spline through the speeds; without speeds, q̇ and q̈ are those of the spline through the
-/// positions. `dq` and `theta` (positions of the motors behind the gear) may be empty. Throws Error for a cutoff at or above
-/// half the sampling rate.
-Samples prepare(const trajectory::Series& q, const trajectory::Series& dq, const trajectory::Series& tau,
-                const trajectory::Series& theta = {}, const PreparationOptions& options = {});
 
 /// The filter for identification during a run, for n joints: q, q̇ and τ pass the same critically damped state-variable filter
 ///   y = ω² / (s + ω)² u,      ω = 2π cutoff,

@@ -219,16 +219,6 @@ void TorqueData::add(const double* q, const double* dq, const double* ddq, const
   impl_->add(q, dq, ddq, tau, dtheta, ddtheta);
 }
 
-void TorqueData::add(const Samples& samples) {
-  const std::size_t n = samples.joints;
-  if (n != static_cast<std::size_t>(robot().n()))
-    throw Error("samples", "of " + std::to_string(n) + " joints, expected " + std::to_string(robot().n()));
-  for (std::size_t s = 0; s < samples.count(); ++s)
-    impl_->add(&samples.q[s * n], &samples.dq[s * n], &samples.ddq[s * n], &samples.tau[s * n],
-               samples.dtheta.empty() ? nullptr : &samples.dtheta[s * n],
-               samples.ddtheta.empty() ? nullptr : &samples.ddtheta[s * n]);
-}
-
 void TorqueData::merge(const TorqueData& older) {
   if (older.impl_->options != impl_->options || older.impl_->triangles.size() != impl_->triangles.size())
     throw Error("torque data", "of another model cannot be merged, expected the same robot and options");

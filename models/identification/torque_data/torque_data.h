@@ -44,7 +44,6 @@ class TorqueData {
   /// be finite.
   void add(const double* q, const double* dq, const double* ddq, const double* tau, const double* dtheta = nullptr,
            const double* ddtheta = nullptr);
-  void add(const Samples& samples);
   /// Adds the samples of `older`, of the same robot and options: for data compressed in parts.
   void merge(const TorqueData& older);
   /// Adds an incomplete block to the triangles; required before triangles are read. Problem does it on its own copy.

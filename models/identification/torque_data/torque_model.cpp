@@ -67,24 +67,6 @@ robot::RobotModel with_bodies(const robot::RobotModel& robot, const Estimate& es
   return result;
 }
 
-Samples Samples::part(std::size_t first, std::size_t last) const {
-  Samples result;
-  result.joints = joints;
-  const auto cut = [&](const std::vector<double>& from, std::vector<double>& to, std::size_t width) {
-    if (from.empty()) return;
-    to.assign(from.begin() + static_cast<std::ptrdiff_t>(first * width),
-              from.begin() + static_cast<std::ptrdiff_t>(last * width));
-  };
-  cut(t, result.t, 1);
-  cut(q, result.q, joints);
-  cut(dq, result.dq, joints);
-  cut(ddq, result.ddq, joints);
-  cut(tau, result.tau, joints);
-  cut(dtheta, result.dtheta, joints);
-  cut(ddtheta, result.ddtheta, joints);
-  return result;
-}
-
 std::vector<double> torques(const robot::RobotModel& robot, const Estimate& estimate, const Samples& samples) {
   const std::size_t n = samples.joints, count = samples.count();
   robot::RobotModel model = robot;
@@ -117,20 +99,6 @@ std::vector<double> torques(const robot::RobotModel& robot, const Estimate& esti
       result[at] =
           tau[j * count + s] + estimate.drive[j].torque(samples.q[at], dtheta[at], ddtheta[at], gravity[j * count + s]);
     }
-  return result;
-}
-
-Discrepancy discrepancy(const Samples& samples, const std::vector<double>& tau) {
-  const std::size_t n = samples.joints, count = samples.count();
-  Discrepancy result{VectorXd::Zero(static_cast<Eigen::Index>(n)), VectorXd::Zero(static_cast<Eigen::Index>(n))};
-  for (std::size_t s = 0; s < count; ++s)
-    for (std::size_t j = 0; j < n; ++j) {
-      const auto i = static_cast<Eigen::Index>(j);
-      const double e = samples.tau[s * n + j] - tau[s * n + j];
-      result.rms[i] += e * e;
-      result.maximum[i] = std::max(result.maximum[i], std::abs(e));
-    }
-  if (count > 0) result.rms = (result.rms / static_cast<double>(count)).cwiseSqrt();
   return result;
 }
 

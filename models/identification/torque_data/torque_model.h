@@ -84,17 +84,10 @@ struct Samples {
   std::vector<double> dtheta, ddtheta;  // count x n, or empty: the speeds of the links are used
 
   std::size_t count() const { return joints ? q.size() / joints : 0; }
-  /// The samples [first, last).
-  Samples part(std::size_t first, std::size_t last) const;
 };
 
 /// Torques of all samples (count x n) by recursive Newton–Euler with the bodies of `estimate`, physical or not, and the drives.
 /// `robot`: the one given to TorqueData; its gravity is the load of friction.
 std::vector<double> torques(const robot::RobotModel& robot, const Estimate& estimate, const Samples& samples);
-/// Per joint: root of the mean square, and maximum, of measured minus given torques.
-struct Discrepancy {
-  Eigen::VectorXd rms, maximum;  // n, N.m
-};
-Discrepancy discrepancy(const Samples& samples, const std::vector<double>& tau);
 
 }  // namespace cotwin::identification

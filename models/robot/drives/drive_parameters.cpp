@@ -42,8 +42,8 @@ Harmonics spring(const DriveParameters& p, std::size_t i) {
   return spring;
 }
 
-LinkSide link_side(const DriveParameters& p, std::size_t i) {
-  LinkSide link;
+LinkSideParameters link_side(const DriveParameters& p, std::size_t i) {
+  LinkSideParameters link;
   link.friction = {.tau_C = p.link_tau_C[i],
                    .sigma2 = p.link_sigma2[i],
                    .tau_0 = p.link_tau_0[i],

@@ -78,6 +78,6 @@ Bristle bristle(const DriveParameters& p, std::size_t i);
 /// Friction of the motor without a bristle.
 CoulombViscous motor_friction(const DriveParameters& p, std::size_t i);
 Harmonics spring(const DriveParameters& p, std::size_t i);
-LinkSide link_side(const DriveParameters& p, std::size_t i);
+LinkSideParameters link_side(const DriveParameters& p, std::size_t i);
 
 }  // namespace cotwin::robot

@@ -81,10 +81,6 @@ double Harmonics::energy(double q) const {
   return sum;
 }
 
-Sigmoid Sigmoid::without_torque_at_rest(double phi1, double phi2, double phi3) {
-  return {.A = phi1, .alpha = phi2, .s = phi3, .k = -phi1 * (1 / (1 + std::exp(-(phi2 * phi3))))};
-}
-
 TorqueAndSlope Bristle::stribeck(double v) const {
   const double rise = tau_S - tau_C, least = kLeastSliding * tau_S;
   if (rise == 0) return {tau_C, 0};
@@ -97,17 +93,7 @@ TorqueAndSlope Bristle::stribeck(double v) const {
   return {tau_C + e, slope};
 }
 
-double Bristle::steady_torque(double v) const {
-  const double g = v == 0 || !present() ? 0 : sign(v) * stribeck(v).torque;
-  return g + sigma2 * v;
-}
-
 double Bristle::steady_deflection(double v) const { return v == 0 || !present() ? 0 : sign(v) * stribeck(v).torque / sigma0; }
-
-bool Bristle::passive() const {
-  const double sliding = std::max(tau_C, kLeastSliding * tau_S);
-  return !present() || sigma2 * sliding >= sigma1 * (tau_S - sliding);
-}
 
 BristleRates lugre(const Bristle& p, double v, double z) {
   if (!p.present()) return viscous_only(p, v);

@@ -55,9 +55,6 @@ struct Sigmoid {
     const double logistic = 1 / (1 + std::exp(-(alpha * (v + s))));
     return {k + A * logistic, A * alpha * logistic * (1 - logistic)};
   }
-  /// The form of Gaz, Cognetti, Oliva, Robuffo Giordano, De Luca (RA-L 2019), without torque at rest:
-  ///   τ_f(v) = φ1 / (1 + e^{−φ2 (v + φ3)}) − φ1 / (1 + e^{−φ2 φ3})
-  static Sigmoid without_torque_at_rest(double phi1, double phi2, double phi3);
 };
 
 /// A torque on a link with its derivatives.
@@ -71,7 +68,7 @@ struct LinkTorque {
 ///   M q̈ + C q̇ + g + τ_l = τ_J + τ_e                                          (2a)
 ///   τ_l = friction(q̇) + sigmoid(q̇) + load |g| tanh(q̇ / v_load) + spring(q)
 /// The third term is friction that grows with the load of the gear, taken from the torque of gravity g.
-struct LinkSide {
+struct LinkSideParameters {
   CoulombViscous friction;
   Sigmoid sigmoid;
   Harmonics spring;
@@ -116,13 +113,8 @@ struct Bristle {
   bool present() const { return sigma0 > 0 && (tau_C > 0 || tau_S > 0); }
   /// g and dg/dv.
   TorqueAndSlope stribeck(double v) const;
-  /// Torque of steady sliding, g(v) sign(v) + σ2 v.
-  double steady_torque(double v) const;
   /// Deflection in steady sliding, g(v) sign(v) / σ0; 0 at rest.
   double steady_deflection(double v) const;
-  /// True if the map v → τ_f is passive for every motion: σ2 ≥ σ1 (τ_S − τ_C) / τ_C (Barabanov and Ortega, IEEE TAC 45(4),
-  /// 2000).
-  bool passive() const;
 };
 
 /// τ_f and ż with their partial derivatives by v and z, for Jacobians. Where |v| has no derivative, the derivative from above

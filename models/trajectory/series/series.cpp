@@ -52,10 +52,6 @@ Series smooth(const Series& series, double cutoff, int order) {
   return even;
 }
 
-Series differentiate(const Series& series) {
-  return {series.t, series.width, solve_spline(series.t, series.width, series.x, SplineEnds::kFree).dq};
-}
-
 void linear(const Series& series, double t, std::span<double> x) {
   const std::size_t k = interval(series.t, t);
   const double s = std::clamp((t - series.t[k]) / (series.t[k + 1] - series.t[k]), 0.0, 1.0);

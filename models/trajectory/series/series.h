@@ -30,9 +30,6 @@ Series resample(const Series& series, double step);
 /// the median step.
 Series smooth(const Series& series, double cutoff, int order);
 
-/// First time derivatives at the same times, by the spline: zero phase.
-Series differentiate(const Series& series);
-
 /// Linear interpolation, constant outside of the samples. Allocates nothing.
 void linear(const Series& series, double t, std::span<double> x);
 

@@ -25,6 +25,13 @@ inline double rate_step(const VectorXd& dq) {
   return most > 0 ? 1e-4 / most : 0;
 }
 
+/// N_r of a decomposed cascade, column by column.
+inline MatrixXd projector(Cascade& cascade) {
+  MatrixXd N = MatrixXd::Identity(cascade.n(), cascade.n());
+  for (int j = 0; j < cascade.n(); ++j) cascade.project(N.col(j));
+  return N;
+}
+
 struct Robot {
   Robot(const robot::RobotModel& robot, double motors)
       : model(robot), n(robot.n()), mechanism(robot), data(mechanism), B(motors) {}

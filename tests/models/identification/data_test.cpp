@@ -11,6 +11,8 @@
 #include "models/identification/identification.h"
 #include "models/robot/urdf/urdf.h"
 #include "models/trajectory/series/recording.h"
+#include "models/trajectory/spline.h"
+#include "tests/models/identification/samples.h"
 #include "tests/support/allocations.h"
 #include "tests/support/places.h"
 #include "tests/support/public_data.h"
@@ -18,37 +20,10 @@
 namespace cotwin::identification::data_test {
 namespace {
 
+using namespace testing;
 using Eigen::Index;
 using Eigen::VectorXd;
 using std::numbers::pi;
-
-TEST(Preparation, GivesTheDerivativesOfAKnownMotion) {
-  trajectory::Series q, tau;
-  q.width = tau.width = 2;
-  for (int k = 0; k < 1000; ++k) {
-    const double t = 0.01 * k;
-    q.t.push_back(t);
-    tau.t.push_back(t);
-    for (const double w : {2.0, 3.0}) {
-      q.x.push_back(std::sin(w * t));
-      tau.x.push_back(5 * std::cos(w * t));
-    }
-  }
-  const Samples s = prepare(q, {}, tau);
-  EXPECT_EQ(s.count(), 960u);  // 2 % are removed at each end
-  for (std::size_t k = 0; k < s.count(); ++k)
-    for (std::size_t j = 0; j < 2; ++j) {
-      const double w = j == 0 ? 2.0 : 3.0, t = s.t[k];
-      ASSERT_NEAR(s.q[2 * k + j], std::sin(w * t), 1e-3);
-      ASSERT_NEAR(s.dq[2 * k + j], w * std::cos(w * t), 3e-3);
-      ASSERT_NEAR(s.ddq[2 * k + j], -w * w * std::sin(w * t), 3e-2);
-      ASSERT_NEAR(s.tau[2 * k + j], 5 * std::cos(w * t), 5e-3);
-    }
-  EXPECT_THROW(prepare(q, {}, {}), Error);
-  trajectory::Series other = tau;
-  other.width = 1;
-  EXPECT_THROW(prepare(q, {}, other), Error);
-}
 
 // ω²/(iν + ω)² for a sine of circular frequency ν, in gain and phase, on irregular steps; the acceleration is the derivative of
 // the filtered speed, so its gain is the filter's times ν.
@@ -112,6 +87,21 @@ TEST(CausalFilter, GoesOnFromItsStateAndAllocatesNothing) {
 }
 
 /// Data of a real robot: trained on the first 70 %, tested on the rest.
+/// Positions, speeds and torques behind the same zero-phase low-pass (Hz); q̈ by the spline through the speeds; 2 % cut off at each
+/// end, where derivatives are one-sided.
+Samples prepare(const trajectory::Recording& recording, double cutoff) {
+  const auto filtered = [&](const trajectory::Series& s) { return trajectory::smooth(s, cutoff, 4); };
+  const trajectory::Series q = filtered(recording.q), tau = filtered(recording.tau);
+  const auto derivative = [&](const std::vector<double>& x) {
+    return trajectory::solve_spline(q.t, q.width, x, trajectory::SplineEnds::kFree).dq;
+  };
+  Samples all{.joints = q.width, .t = q.t, .q = q.x, .tau = tau.x};
+  all.dq = recording.dq.size() != 0 ? filtered(recording.dq).x : derivative(q.x);
+  all.ddq = derivative(all.dq);
+  const auto cut = static_cast<std::size_t>(0.02 * static_cast<double>(all.t.size()));
+  return part(all, cut, all.t.size() - cut);
+}
+
 struct RealRobot {
   robot::RobotModel robot;
   Samples train, test;
@@ -122,12 +112,10 @@ RealRobot load(const std::string& urdf, const std::string& csv, double cutoff) {
   real.robot = robot::load_urdf(urdf);
   const trajectory::Recording recording =
       trajectory::load_recording(places::public_data("measurements/" + csv), trajectory::axes_of(real.robot));
-  PreparationOptions options;
-  options.cutoff = cutoff;
-  const Samples all = prepare(recording.q, recording.dq, recording.tau, {}, options);
+  const Samples all = prepare(recording, cutoff);
   const std::size_t split = 7 * all.count() / 10;
-  real.train = all.part(0, split);
-  real.test = all.part(split, all.count());
+  real.train = part(all, 0, split);
+  real.test = part(all, split, all.count());
   return real;
 }
 
@@ -141,8 +129,8 @@ struct Figures {
 
 Figures identify(const RealRobot& real, const ModelOptions& options) {
   TorqueData train(real.robot, options), test(real.robot, options);
-  train.add(real.train);
-  test.add(real.test);
+  add(train, real.train);
+  add(test, real.test);
   test.flush();
   const Problem problem(train, real.robot);
   const FeasibleResult feasible = solve_feasible(problem);

@@ -34,7 +34,7 @@ const robot::RobotModel& planar() {
 
 TorqueData compressed(const robot::RobotModel& robot, const Samples& samples, const ModelOptions& options = {}) {
   TorqueData data(robot, options);
-  data.add(samples);
+  add(data, samples);
   data.flush();
   return data;
 }
@@ -153,8 +153,8 @@ TEST(TorqueData, KeepsTheCurveOfFrictionWhateverSpeedTheUrdfAllows) {
 TEST(TorqueData, MergedFromPartsIsTheWhole) {
   const Estimate truth = truth_of(lwr());
   const Samples samples = simulate(lwr(), truth, 1000, 0.05);
-  TorqueData parts = compressed(lwr(), samples.part(600, 1000));
-  parts.merge(compressed(lwr(), samples.part(0, 600)));
+  TorqueData parts = compressed(lwr(), part(samples, 600, 1000));
+  parts.merge(compressed(lwr(), part(samples, 0, 600)));
   const TorqueData whole = compressed(lwr(), samples);
   EXPECT_EQ(parts.count(), 1000u);
   EXPECT_LT((parts.rms(truth) - whole.rms(truth)).norm(), 1e-12);
@@ -262,14 +262,12 @@ TEST(Problem, RefusesWhatCannotBeIdentified) {
     }
     return "no error";
   };
-  EXPECT_EQ(message([&] { Problem(compressed(lwr(), samples.part(0, 20)), lwr()); }),
+  EXPECT_EQ(message([&] { Problem(compressed(lwr(), part(samples, 0, 20)), lwr()); }),
             "torque data: 20 samples, expected at least as many as unknowns, 71");
   EXPECT_THAT(message([&] { Problem(compressed(lwr(), samples), planar()); }), HasSubstr("2 joints, expected 7"));
   Samples dead = samples;
   for (std::size_t k = 0; k < dead.count(); ++k) dead.tau[7 * k + 3] = 0;
   EXPECT_THAT(message([&] { Problem(compressed(lwr(), dead), lwr()); }), HasSubstr("torque of joint 4"));
-  EXPECT_THAT(message([&] { TorqueData(lwr()).add(simulate(planar(), truth_of(planar()), 3, 0)); }),
-              HasSubstr("of 2 joints, expected 7"));
   EXPECT_THROW(friction_law("coulombic"), Error);
 }
 
@@ -683,8 +681,8 @@ TEST(TorqueData, ForgettingFollowsARobotThatChanges) {
   const Samples after = simulate(loaded, truth_of(loaded), 4000, 0.02, 2);
   TorqueData forgets(lwr(), {}, 0.995), keeps(lwr());
   for (TorqueData* data : {&forgets, &keeps}) {
-    data->add(before);
-    data->add(after);
+    add(*data, before);
+    add(*data, after);
     data->flush();
   }
   EXPECT_NEAR(forgets.weight(), 200, 0.1);

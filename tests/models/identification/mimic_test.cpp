@@ -61,7 +61,7 @@ TEST(IdentificationMimic, FindsThePhysicalRobotBehindTheTorques) {
   const Estimate truth = truth_of(robot);
   const Samples samples = simulate(robot, truth, 2000, 1e-3);
   TorqueData data(perturbed(robot, 0.2), options_with(true));
-  data.add(samples);
+  add(data, samples);
   const Problem problem(data, perturbed(robot, 0.2), little_prior());
   const FeasibleResult found = solve_feasible(problem);
   for (std::size_t b = 0; b < 4; ++b) EXPECT_EQ(with_bodies(robot, found.estimate, "").bodies[b].inertia.unphysical(), "");
@@ -104,7 +104,7 @@ TEST(IdentificationPassive, UsesThatNoTorqueActsThere) {
   truth.drive[1].sigma2 = 0.01;
   const Samples samples = passive_samples(robot, truth, 1, 1e-3);
   TorqueData data(perturbed(robot, 0.2), options_with(true));
-  data.add(samples);
+  add(data, samples);
   EXPECT_EQ(data.columns(1).motor_inertia, -1);
   const Problem problem(data, perturbed(robot, 0.2), little_prior());
   const Estimate found = solve_feasible(problem).estimate;
@@ -128,7 +128,7 @@ TEST(IdentificationPassive, NeedsAMeasuredTorqueSomewhere) {
   options.passive = {"knuckle", "shoulder"};
   const robot::RobotModel robot = finger(options);
   TorqueData data(robot, options_with(false));
-  data.add(simulate(robot, truth_of(robot), 500, 0));
+  add(data, simulate(robot, truth_of(robot), 500, 0));
   EXPECT_THAT(error_of([&] { Problem(data, robot); }), HasSubstr("all joints that moved are passive"));
 }
 

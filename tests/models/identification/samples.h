@@ -2,11 +2,47 @@
 #include <cmath>
 #include <numbers>
 
+#include "models/identification/torque_data/torque_data.h"
 #include "models/identification/torque_data/torque_model.h"
 #include "models/numerics/random.h"
 
 /// Samples of known robots.
 namespace cotwin::identification::testing {
+
+/// The samples [first, last).
+inline Samples part(const Samples& samples, std::size_t first, std::size_t last) {
+  Samples result;
+  result.joints = samples.joints;
+  for (const auto values :
+       {&Samples::t, &Samples::q, &Samples::dq, &Samples::ddq, &Samples::tau, &Samples::dtheta, &Samples::ddtheta}) {
+    const std::vector<double>& from = samples.*values;
+    const auto width = static_cast<std::ptrdiff_t>(values == &Samples::t ? 1 : samples.joints);
+    if (!from.empty())
+      (result.*values)
+          .assign(from.begin() + width * static_cast<std::ptrdiff_t>(first),
+                  from.begin() + width * static_cast<std::ptrdiff_t>(last));
+  }
+  return result;
+}
+
+inline void add(TorqueData& data, const Samples& s) {
+  for (std::size_t k = 0; k < s.count(); ++k) {
+    const std::size_t i = k * s.joints;
+    data.add(&s.q[i], &s.dq[i], &s.ddq[i], &s.tau[i], s.dtheta.empty() ? nullptr : &s.dtheta[i],
+             s.ddtheta.empty() ? nullptr : &s.ddtheta[i]);
+  }
+}
+
+/// Per joint: root of the mean square of measured minus given torques, and its maximum, N.m.
+struct Discrepancy {
+  Eigen::VectorXd rms, maximum;
+};
+inline Discrepancy discrepancy(const Samples& samples, const std::vector<double>& tau) {
+  const auto n = static_cast<Eigen::Index>(samples.joints), count = static_cast<Eigen::Index>(samples.count());
+  const Eigen::ArrayXXd e =
+      Eigen::Map<const Eigen::ArrayXXd>(samples.tau.data(), n, count) - Eigen::Map<const Eigen::ArrayXXd>(tau.data(), n, count);
+  return {e.square().rowwise().mean().sqrt(), e.abs().rowwise().maxCoeff()};
+}
 
 /// A multi-sine motion of `count` samples at 100 Hz with the torques of `truth`, and normal noise on them.
 inline Samples simulate(const robot::RobotModel& robot, const Estimate& truth, std::size_t count, double noise,
