@@ -201,12 +201,6 @@ Plan plan(const robot::RobotModel& robot, const Move& move) {
   return plan;
 }
 
-Feasibility feasibility(const robot::RobotModel& robot, const Move& move) {
-  const Plan p = plan(robot, move);
-  const optimisation::Solution& s = p.solution;
-  return {s.status == optimisation::Status::kFeasible, s.reason, s.T, s.peaks, p.torque(), p.work(), p.shared_work()};
-}
-
 namespace {
 
 /// `places`: of a motion in 1 s.

@@ -42,18 +42,6 @@ inline constexpr double kBriefest = 1e-4, kLongest = 1e4;  // s, durations of mo
 /// need: gravity and Coulomb friction of a joint take nearly all of its torque. "" if it is not, or for another reason.
 std::string creeping(const optimisation::Problem& problem, const optimisation::Solution& motion);
 
-/// Verdict on a move with what decides it.
-struct Feasibility {
-  bool feasible = false;
-  std::string reason;                     // joint, time and bound; empty if feasible
-  double T = 0;                           // s
-  std::vector<optimisation::Peak> peaks;  // of each joint: q, dq, ddq, dddq, tau
-  double torque = 0;                      // ∫ Σ τ² dt, N² m² s
-  double work = 0, shared_work = 0;       // J, see optimisation::Quantity
-};
-/// plan() without the path.
-Feasibility feasibility(const robot::RobotModel& robot, const Move& move);
-
 /// The T of a rest-to-rest move of given shape from which on every longer duration meets the bounds, s, to 1e-9; +∞ if there is
 /// none. Without friction it is the shortest possible one: the torque at a sample is linear in 1/T².
 double shortest_duration(const robot::RobotModel& robot, const Move& move);

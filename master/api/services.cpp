@@ -1,7 +1,6 @@
 #include <nlohmann/json.hpp>
 
 #include "components/services/json/json.h"
-#include "components/services/json/schemas.h"
 #include "master/api/cotwin.h"
 #include "master/scenario/folders.h"
 #include "master/services/verify.h"

@@ -50,7 +50,8 @@ void feasibility_of_7() {
   for (const double T : {2.0, 0.0}) {
     move.T = T;
     benchmark::print({std::string("feasibility, ") + (T > 0 ? "duration given" : "shortest duration") + ", 7 joints, one core",
-                      "s", seconds_of([&] { benchmark::keep(services::feasibility(p.robot, move).T); }), "none", 0, 0, false});
+                      "s", seconds_of([&] { benchmark::keep(services::plan(p.robot, move).solution.T); }), "none", 0, 0,
+                      false});
   }
 }
 
@@ -62,7 +63,7 @@ void chain_of_30() {
     move.to_q.push_back(0.15 * std::cos(1.3 * j));
   }
   benchmark::print({"feasibility, shortest duration, 30 joints, one core", "s",
-                    seconds_of([&] { benchmark::keep(services::feasibility(robot, move).T); }), "none", 0, 0, false});
+                    seconds_of([&] { benchmark::keep(services::plan(robot, move).solution.T); }), "none", 0, 0, false});
 }
 
 }  // namespace

@@ -3,7 +3,6 @@
 #include <nlohmann/json.hpp>
 
 #include "components/services/json/json.h"
-#include "components/services/json/schemas.h"
 
 namespace cotwin::gateway {
 

@@ -42,7 +42,7 @@ Json series_of(const robot::RobotModel& robot, const Torques& t, bool terms) {
   return {{"t_s", t.t}, {"joints", joints}};
 }
 
-int read_samples(Reader& r) { return r.integer("samples", 2, 100000, 101); }
+std::size_t read_samples(Reader& r) { return static_cast<std::size_t>(r.integer("samples", 2, 100000, 101)); }
 
 /// plan(), or an error where no duration is possible.
 Plan plan_of(const Robot& robot, const Move& m) {
@@ -64,9 +64,8 @@ Move at(const Move& m, double T) {
 Json answer_feasibility(const Robot& robot, Reader& r, const Context& context) {
   const Move m = read_move(robot, r, true);
   const Detail detail = read_detail(r);
-  const int samples = read_samples(r);
-  r.finish();
-  if (context.only_read) return {};
+  const std::size_t samples = read_samples(r);
+  if (!r.finish(context)) return {};
   const Plan p = plan(robot.model, m);
   const optimisation::Solution& s = p.solution;
   const bool none = m.T == 0 && !feasible(p);
@@ -77,7 +76,7 @@ Json answer_feasibility(const Robot& robot, Reader& r, const Context& context) {
   add_notes(reply, p.notes);
   if (detail >= Detail::kMargins) reply["joints"] = peaks_of(robot.model, s.peaks);
   if (detail >= Detail::kSeries && !none)
-    reply["series"] = series_of(robot.model, torques(robot.model, at(m, s.T), static_cast<std::size_t>(samples)), false);
+    reply["series"] = series_of(robot.model, torques(robot.model, at(m, s.T), samples), false);
   if (detail == Detail::kAll) {
     reply["torque_squared_integral"] = p.torque();
     reply["work_J"] = p.work();
@@ -89,11 +88,9 @@ Json answer_feasibility(const Robot& robot, Reader& r, const Context& context) {
 
 Json answer_cycle_time(const Robot& robot, Reader& r, const Context& context) {
   const Move m = read_move(robot, r, false);
-  const double process = r.number("T_process_s", 0);
   const Detail detail = read_detail(r);
-  r.finish();
-  if (process < 0) throw RequestError("/T_process_s", "is negative, expected 0 or more");
-  if (context.only_read) return {};
+  const double process = r.not_negative("T_process_s", 0);
+  if (!r.finish(context)) return {};
   const Plan p = plan(robot.model, m);
   const bool possible = feasible(p);
   const double T = p.solution.T;
@@ -114,9 +111,8 @@ Json answer_cycle_time(const Robot& robot, Reader& r, const Context& context) {
 Json answer_torques(const Robot& robot, Reader& r, const Context& context) {
   const Move m = read_move(robot, r, true);
   const Detail detail = read_detail(r);
-  const int samples = read_samples(r);
-  r.finish();
-  if (context.only_read) return {};
+  const std::size_t samples = read_samples(r);
+  if (!r.finish(context)) return {};
   const Plan p = plan_of(robot, m);
   Json reply{{"T_s", p.solution.T}, {"feasible", feasible(p)}, {"reason", p.solution.reason}};
   add_notes(reply, p.notes);
@@ -150,7 +146,7 @@ Json answer_torques(const Robot& robot, Reader& r, const Context& context) {
     reply["joints"] = joints;
   }
   if (detail < Detail::kSeries) return reply;
-  const Torques t = torques(robot.model, at(m, p.solution.T), static_cast<std::size_t>(samples));
+  const Torques t = torques(robot.model, at(m, p.solution.T), samples);
   reply["series"] = series_of(robot.model, t, true);
   if (detail == Detail::kAll) {
     reply["torque_squared_integral"] = p.torque();
@@ -162,10 +158,9 @@ Json answer_torques(const Robot& robot, Reader& r, const Context& context) {
 Json answer_peak_power(const Robot& robot, Reader& r, const Context& context) {
   const Move m = read_move(robot, r, true);
   const Detail detail = read_detail(r);
-  const int samples = read_samples(r);
-  const double bound = r.has("power_max_W") ? r.positive("power_max_W") : 0;
-  r.finish();
-  if (context.only_read) return {};
+  const std::size_t samples = read_samples(r);
+  const double bound = r.positive("power_max_W", 0, "bound for a verdict");
+  if (!r.finish(context)) return {};
   const Plan p = plan_of(robot, m);
   const PeakPower peak = peak_power(robot.model, at(m, p.solution.T));
   const auto extreme = [](const PeakPower::Extreme& e) { return Json{{"power_W", e.power}, {"t_s", e.t}}; };
@@ -188,7 +183,7 @@ Json answer_peak_power(const Robot& robot, Reader& r, const Context& context) {
     reply["joints"] = joints;
   }
   if (detail >= Detail::kSeries) {
-    const Torques t = torques(robot.model, at(m, p.solution.T), static_cast<std::size_t>(samples));
+    const Torques t = torques(robot.model, at(m, p.solution.T), samples);
     reply["series"] = {{"t_s", t.t}, {"power_W", t.power}};
   }
   return reply;
@@ -197,8 +192,7 @@ Json answer_peak_power(const Robot& robot, Reader& r, const Context& context) {
 Json answer_jerk(const Robot& robot, Reader& r, const Context& context) {
   const Move m = read_move(robot, r, true);
   const Detail detail = read_detail(r);
-  r.finish();
-  if (context.only_read) return {};
+  if (!r.finish(context)) return {};
   const Plan p = plan_of(robot, m);
   Move quintic = at(m, p.solution.T);
   quintic.degree = 5;
@@ -236,20 +230,26 @@ Json answer_jerk(const Robot& robot, Reader& r, const Context& context) {
 
 Json answer_throughput(const Robot& robot, Reader& r, const Context& context) {
   const Move m = read_move(robot, r, true);
-  const auto list = [&](const char* name) {
+  const Detail detail = read_detail(r);
+  const auto list = [&](const char* name, bool required, const char* what = nullptr) {
+    if (r.describes()) {
+      r.declare(name, {{"type", {"number", "array"}}, {"items", schemas::kNumber}, {"minItems", 1}}, required, what);
+      return std::vector<double>{1};
+    }
     const Json* value = r.any(name);
     if (!value) throw RequestError(r.pointer(name), "is missing, expected a number, or one per axis of the compliance");
     if (value->is_array() && value->empty())
       throw RequestError(r.pointer(name), "is empty, expected a number, or one per axis of the compliance");
     return value->is_array() ? r.numbers(name) : std::vector<double>{r.number(name)};
   };
-  const std::vector<double> M = list("M_kg"), S = list("S_N_per_m");
-  const bool by_share = r.has("zeta");
-  const std::vector<double> D = list(by_share ? "zeta" : "D_Ns_per_m");
+  const std::vector<double> M = list("M_kg", true), S = list("S_N_per_m", true);
+  const bool by_share = r.any("zeta") != nullptr;
   if (by_share && r.any("D_Ns_per_m")) throw RequestError("/zeta", "is given beside D_Ns_per_m, expected one of them");
-  const double share = r.number("settled_share", 0.02), process = r.number("T_process_s", 0);
-  const Detail detail = read_detail(r);
-  r.finish();
+  std::vector<double> D;
+  if (!by_share) D = list("D_Ns_per_m", false);
+  if (by_share || r.describes()) D = list("zeta", false, "in place of D_Ns_per_m");
+  r.declare_one_of({"D_Ns_per_m", "zeta"});
+  const double share = r.share("settled_share", 0.02), process = r.not_negative("T_process_s", 0);
   const std::size_t axes = std::max({M.size(), S.size(), D.size()});
   for (const auto& [name, values] : {std::pair{"M_kg", &M}, {"S_N_per_m", &S}, {by_share ? "zeta" : "D_Ns_per_m", &D}})
     if (values->size() != axes && values->size() != 1)
@@ -263,7 +263,7 @@ Json answer_throughput(const Robot& robot, Reader& r, const Context& context) {
     settle.push_back(settling_time(of(M, k), damping, of(S, k), share));
     slowest = std::max(slowest, settle.back());
   }
-  if (context.only_read) return {};
+  if (!r.finish(context)) return {};
   const Plan p = plan_of(robot, m);
   const Throughput t = throughput(p.solution.T, slowest, process);
   Json reply{{"feasible", feasible(p)},     {"reason", p.solution.reason}, {"T_move_s", t.T_move},

@@ -1,7 +1,9 @@
 #pragma once
 #include "components/services/json/move_json.h"
 
-/// The services, for json.cpp: each reads its members, finishes the reader and, unless the context says only_read, returns the reply.
+/// The services, for json.cpp. Each reads its members, with their types, ranges, defaults and descriptions, up to Reader::finish(),
+/// and then computes the reply. With a reader that describes, or a context that says only_read, it only reads, and returns null; a
+/// reader that describes takes a robot without joints.
 namespace cotwin::services {
 
 Json answer_feasibility(const Robot&, Reader&, const Context&);

@@ -23,22 +23,22 @@ double sum(const std::vector<double>& x) { return std::accumulate(x.begin(), x.e
 
 EnergyOptions read_energy_options(Reader& r) {
   EnergyOptions o;
-  o.bus = bus_of(r.word("bus", {"shared", "none", "grid"}));
-  if (r.has("cycle_s")) o.cycle = r.positive("cycle_s");
-  const auto rate = [&](const char* name) -> std::optional<double> {
-    if (!r.has(name)) return {};
-    const double x = r.number(name);
-    if (x < 0) throw RequestError(r.pointer(name), "is negative, expected 0 or more");
-    return x;
-  };
-  o.price_per_kWh = rate("price_per_kWh");
-  o.co2_per_kWh = rate("co2_kg_per_kWh");
-  o.best = r.boolean("best", false);
-  if (r.has("T_max_s")) o.T_longest = read_duration(r, "T_max_s");
+  o.bus = read_bus(r, "DC link: shared, split (none), or regenerating (grid)");
+  o.cycle = r.positive("cycle_s", 0, "time for the move and the wait after it");
+  for (auto [name, rate] : {std::pair{"price_per_kWh", &o.price_per_kWh}, {"co2_kg_per_kWh", &o.co2_per_kWh}})
+    if (r.has(name)) *rate = r.not_negative(name, 0);
+  o.best = r.boolean("best", false, "also the duration of least energy");
+  o.T_longest = r.duration("T_max_s", 0, "longest duration for that");
   return o;
 }
 
-void read_samples(Reader& r, ContactOptions& o) { o.samples = static_cast<std::size_t>(r.integer("samples", 2, 100000, 401)); }
+ContactOptions read_contact_options(const Robot& robot, Reader& r) {
+  ContactOptions o = read_contact_frame(robot, r, "of the URDF; without it the end effector",
+                                        "in the axes of the base; without it along the velocity of the frame",
+                                        "free: a blow; held: slower motions, the motors' inertias count");
+  o.samples = static_cast<std::size_t>(r.integer("samples", 2, 100000, 401));
+  return o;
+}
 
 /// The move with its duration, and the plan's verdict as the first members of the reply. An error where no duration is possible.
 Move planned(const Robot& robot, Move m, Json& reply) {
@@ -64,19 +64,18 @@ Json series_of(const PathMasses& m) {
 
 Json answer_energy(const Robot& robot, Reader& r, const Context& context) {
   const Move m = read_move(robot, r, true);
+  const Detail detail = read_detail(r);
   const EnergyOptions options = read_energy_options(r);
   for (const char* name : {"bus", "price_per_kWh", "co2_kg_per_kWh"})
     r.only_if(robot.energy.has_value(), name, "an energy.ssv beside the URDF");
   r.only_if(options.best, "T_max_s", "best");
-  const Detail detail = read_detail(r);
-  r.finish();
+  if (!r.finish(context)) return {};
   if (options.best && !robot.energy)
     throw RequestError(
         "/best", "is true, but the robot has no energy.ssv beside its URDF, expected one: work alone has no best duration");
   if (options.cycle > 0 && !robot.energy)
     throw RequestError("/cycle_s",
                        "is given, but the robot has no energy.ssv beside its URDF, expected one with its stand-by power");
-  if (context.only_read) return {};
   const MotionCost c = energy_of(robot, m, options);
   const energetics::EnergyBooks& b = c.energy.books;
   const optimisation::Solution& s = c.plan.solution;
@@ -149,11 +148,9 @@ Json answer_energy(const Robot& robot, Reader& r, const Context& context) {
 
 Json answer_effective_mass(const Robot& robot, Reader& r, const Context& context) {
   const Move m = read_move(robot, r, true);
-  ContactOptions o = read_contact_frame(robot, r);
-  read_samples(r, o);
   const Detail detail = read_detail(r);
-  r.finish();
-  if (context.only_read) return {};
+  const ContactOptions o = read_contact_options(robot, r);
+  if (!r.finish(context)) return {};
   Json reply = Json::object();
   const PathMasses masses = masses_along(robot.model, planned(robot, m, reply), o);
   reply.update(Json{{"T_s", masses.T}, {"lightest", place(masses.lightest)}, {"heaviest", place(masses.heaviest)}});
@@ -168,12 +165,10 @@ Json answer_effective_mass(const Robot& robot, Reader& r, const Context& context
 
 Json answer_safety(const Robot& robot, Reader& r, const Context& context) {
   const Move m = read_move(robot, r, true);
-  ContactOptions o = read_contact_frame(robot, r);
-  read_samples(r, o);
-  read_body_parts(robot, r, o);
   const Detail detail = read_detail(r);
-  r.finish();
-  if (context.only_read) return {};
+  ContactOptions o = read_contact_options(robot, r);
+  read_body_parts(robot, r, o, "body parts or regions");
+  if (!r.finish(context)) return {};
   Json reply = Json::object();
   const PathSafety s = safety_along(robot.model, planned(robot, m, reply), o);
   const PartRisk* worst = &s.parts.front();

@@ -69,7 +69,14 @@ CostTerm term_of(const std::string& name, double weight, const std::string& poin
   throw RequestError(pointer, "is '" + name.substr(0, 40) + "', expected one of " + names);
 }
 
-std::vector<CostTerm> read_costs(Reader& r, const std::string& rule) {
+/// `weight`: becomes the place of the first weight, if one is given.
+std::vector<CostTerm> read_costs(Reader& r, std::string& weight) {
+  const auto read = [](Reader& one) { return std::pair(one.text("name"), one.not_negative("weight", 1)); };
+  if (r.describes())
+    r.declare(
+        "cost", {{"type", {"string", "array"}}, {"minItems", 1}, {"items", Reader::schema_of(read)}}, false,
+        "time, torque, work, shared_work, acceleration, jerk, energy, effective_mass, safety, cycle_time or stiffness, or "
+        "several with weights");
   const Json* given = r.any("cost");
   if (!given) return {term_of("torque", 1, "/cost")};
   if (given->is_string()) return {term_of(given->get<std::string>(), 1, r.pointer("cost"))};
@@ -78,12 +85,10 @@ std::vector<CostTerm> read_costs(Reader& r, const std::string& rule) {
   std::vector<CostTerm> terms;
   for (std::size_t i = 0; i < given->size(); ++i) {
     Reader one((*given)[i], r.pointer("cost") + "/" + std::to_string(i));
-    const std::string name = one.text("name");
-    one.only_if(rule == "weighted", "weight", "the rule weighted");
-    const double weight = one.number("weight", 1);
+    const auto [name, factor] = read(one);
     one.finish();
-    if (weight < 0) throw RequestError(one.pointer("weight"), "is negative, expected 0 or more");
-    const CostTerm term = term_of(name, weight, one.pointer("name"));
+    if (one.gives("weight") && weight.empty()) weight = one.pointer("weight");
+    const CostTerm term = term_of(name, factor, one.pointer("name"));
     if (std::ranges::any_of(terms, [&](const CostTerm& t) { return t.quantity == term.quantity; }))
       throw RequestError(one.pointer("name"), "is '" + name + "' again, expected each cost once");
     terms.push_back(term);
@@ -110,12 +115,13 @@ void work_for_energy(Problem& p) {
     if (term.quantity == Quantity::kEnergy) term.quantity = Quantity::kWork;
 }
 
-Problem problem_of(const Robot& robot, const Move& m, const std::string& rule, Reader& r, std::vector<std::string>& notes) {
+/// `weight` as for read_costs().
+Problem read_problem(const Robot& robot, const Move& m, Reader& r, std::string& weight, std::vector<std::string>& notes) {
   Problem p;
   p.robot = robot.model;
   const std::vector<double> zero(robot.model.joints.size(), 0.0);
   p.ends = {m.from_q, zero, zero, m.to_q, zero, zero};
-  p.degree = r.has("degree") ? m.degree : 9;
+  p.degree = r.gives("degree") ? m.degree : 9;
   p.drives = m.drives;
   p.bounds = optimisation::bounds_of(robot.model);
   const auto take = [](std::vector<double>& bound, const std::vector<double>& own) {
@@ -130,16 +136,15 @@ Problem problem_of(const Robot& robot, const Move& m, const std::string& rule, R
   for (const char* other : {"T_s", "T_min"})
     if (r.gives(other))
       throw RequestError(r.pointer(other), "is no member of optimise, expected T_min_s, and T_max_s to search the duration");
-  const bool least = r.has("T_min_s"), most = r.has("T_max_s");
-  if (!least && !most)
+  if (!r.has("T_min_s") && !r.has("T_max_s"))
     throw RequestError("",
                        "gives no duration, expected T_min_s, or T_max_s as the longest one, or both to search between them");
-  if (most) p.T_max = read_duration(r, "T_max_s");
-  p.T_min = least ? read_duration(r, "T_min_s") : kBriefest;
-  if (!most) p.T_max = p.T_min;
+  p.T_min = r.duration("T_min_s", kBriefest, "shortest one; without it 0.0001 s");
+  p.T_max = r.duration("T_max_s", p.T_min, "longest one; without it the duration is T_min_s");
+  r.declare_one_of({"T_min_s", "T_max_s"});
   if (p.T_max < p.T_min) throw RequestError("/T_max_s", "is less than T_min_s, expected at least that");
-  p.costs = read_costs(r, rule);
-  const std::string bus = r.word("bus", {"shared", "none", "grid"});
+  p.costs = read_costs(r, weight);
+  const energetics::Bus bus = read_bus(r, "for the cost energy: DC link shared, split (none), or regenerating (grid)");
   r.only_if(has_cost(p, Quantity::kEnergy) && robot.energy, "bus", "the cost energy and an energy.ssv beside the URDF");
   if (!has_cost(p, Quantity::kEnergy)) return p;
   if (!robot.energy) {
@@ -148,7 +153,7 @@ Problem problem_of(const Robot& robot, const Move& m, const std::string& rule, R
     return p;
   }
   const EnergyData& e = *robot.energy;
-  p.electrical = optimisation::Electrical{e.losses, e.current, bus_of(bus), e.link, e.supply, e.standby};
+  p.electrical = optimisation::Electrical{e.losses, e.current, bus, e.link, e.supply, e.standby};
   return p;
 }
 
@@ -158,9 +163,12 @@ void read_contact(const Robot& robot, Reader& r, Problem& p) {
   const bool contact = safety || has_cost(p, Quantity::kMass);
   for (const char* name : {"frame", "direction", "motors"}) r.only_if(contact, name, "the cost effective_mass or safety");
   for (const char* name : {"parts", "contact", "contact_area_m2"}) r.only_if(safety, name, "the cost safety");
-  if (!contact) return;
-  ContactOptions o = read_contact_frame(robot, r);
-  if (safety) read_body_parts(robot, r, o);
+  if (!contact && !r.describes()) return;
+  ContactOptions o =
+      read_contact_frame(robot, r, "of the costs effective_mass and safety; without it the end effector",
+                         "in the axes of the base; without it along the velocity", "whether the inertias of the motors count");
+  if (safety || r.describes()) read_body_parts(robot, r, o, "of the cost safety");
+  if (r.describes()) return;
   for (const robot::BodyPart& part : o.parts)
     if (!((o.transient ? part.transient : part.quasi_static).on(o.area) > 0))
       throw RequestError(r.pointer("parts"),
@@ -269,20 +277,27 @@ Json front_of(const Robot& robot, const Move& m, const Problem& p, const std::ve
 
 Json answer_optimise(const Robot& robot, Reader& r, const Context& context) {
   const Move m = read_move(robot, r, false);
+  const Detail detail = read_detail(r);
+  std::vector<std::string> notes;
+  std::string weight;
+  Problem p = read_problem(robot, m, r, weight, notes);
   const std::string rule = r.word("rule", {"weighted", "lexicographic", "pareto"});
   const bool pareto = rule == "pareto", lexicographic = rule == "lexicographic";
-  std::vector<std::string> notes;
-  Problem p = problem_of(robot, m, rule, r, notes);
+  if (rule != "weighted" && !weight.empty())
+    throw RequestError(weight, "is given, but has no effect without the rule weighted, expected it only with that");
+  const double tolerance =
+      r.not_negative("tolerance", 0.01, "lexicographic: by which an earlier cost may exceed its optimum, relative");
+  const int directions = r.integer("directions", 2, 1000, 11, "pareto: searches with different weights");
   SearchOptions options;
   options.particles = r.integer("particles", 8, 100000, 200);
   options.rounds = r.integer("rounds", 1, 100000, 500);
   options.seed = static_cast<std::uint64_t>(r.integer("seed", 0, 2147483647, 1));
-  options.refine = r.boolean("refine", true);
-  options.evaluations = static_cast<std::uint64_t>(r.integer("evaluations_max", 1, 1000000000, 10000000));
-  if (r.has("limit_s")) options.limit = r.positive("limit_s");
-  const double tolerance = r.number("tolerance", 0.01);
-  const int directions = r.integer("directions", 2, 1000, 11);
-  const bool verify = r.boolean("verify", false);
+  options.refine = r.boolean("refine", true, "Newton's method after the swarm");
+  options.evaluations = static_cast<std::uint64_t>(
+      r.integer("evaluations_max", 1, 1000000000, 10000000, "motions that are tried before the search ends early"));
+  options.limit =
+      r.positive("limit_s", options.limit, "real time before the search ends early; the reply then depends on the machine");
+  const bool verify = r.boolean("verify", false, "also a co-simulation of the twin");
   const VerificationOptions verification = read_verification(robot, r);
   std::optional<EndPose> end = read_end_pose(r, p);
   const std::optional<ComplianceRequest> compliance = read_compliance(r, p);
@@ -290,13 +305,11 @@ Json answer_optimise(const Robot& robot, Reader& r, const Context& context) {
       std::ranges::any_of(p.costs, [](const CostTerm& t) { return optimisation::needs_compliance(t.quantity); }))
     throw RequestError("/cost", "is cycle_time or stiffness, but no compliance is searched, expected compliance with axes");
   read_contact(robot, r, p);
-  const Detail detail = read_detail(r);
   refuse_unused(robot, r, rule, verify);
-  r.finish();
+  if (r.describes()) return {};
   const JointUnits units(robot.model);
   if (!m.c.empty())
     throw RequestError("/" + units.name("c_r", 0), "is given, expected it only for a move that is not optimised");
-  if (!(tolerance >= 0)) throw RequestError("/tolerance", "is negative, expected 0 or more");
   if (pareto && p.costs.size() < 2) throw RequestError("/cost", "has one cost, expected two or more for a Pareto front");
   if (pareto && (verify || compliance))
     throw RequestError(verify ? "/verify" : "/compliance", std::string("is ") + (verify ? "true" : "given") +
@@ -304,7 +317,7 @@ Json answer_optimise(const Robot& robot, Reader& r, const Context& context) {
                                                                "weighted or lexicographic" +
                                                                (verify ? "" : ", or compliance with axes"));
   optimisation::check(p);
-  if (context.only_read) return {};
+  if (!r.finish(context)) return {};
   const long long costs = static_cast<long long>(p.costs.size());
   constexpr int kSearchesToPose = 3;
   const long long searches = pareto          ? (costs + directions - 2) * (end ? 2 : 1)

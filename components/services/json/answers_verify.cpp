@@ -9,10 +9,11 @@ namespace cotwin::services {
 VerificationOptions read_verification(const Robot& robot, Reader& r) {
   VerificationOptions o;
   o.rigid = r.word("drives", {"robot", "none"}) == "none";
-  if (r.has("settle_s")) o.settle = r.positive("settle_s");
+  o.settle = r.positive("settle_s", o.settle, "rest after the move that is also simulated");
   if (o.settle > 60) throw RequestError("/settle_s", "is more than 60, expected at most that");
-  const std::string name = JointUnits(robot.model).name("tracking_max", 0);
-  if (r.has(name.c_str())) o.tracking_max = r.positive(name.c_str());
+  const char* const kTracking = "largest tracking error, of any joint";
+  o.tracking_max = r.positive(JointUnits(robot.model).name("tracking_max", 0).c_str(), o.tracking_max, kTracking);
+  r.declare("tracking_max", schemas::positive(), false, kTracking);
   return o;
 }
 
@@ -57,10 +58,9 @@ Json verification_json(const Robot& robot, const Move& m, double T, const Verifi
 
 Json answer_verify(const Robot& robot, Reader& r, const Context& context) {
   const Move m = read_move(robot, r, true);
-  const VerificationOptions options = read_verification(robot, r);
   const Detail detail = read_detail(r);
-  r.finish();
-  if (context.only_read) return {};
+  const VerificationOptions options = read_verification(robot, r);
+  if (!r.finish(context)) return {};
   const Plan p = plan(robot.model, m);
   if (m.T == 0 && p.solution.status != optimisation::Status::kFeasible)
     throw RequestError("",

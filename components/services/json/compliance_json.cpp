@@ -15,7 +15,15 @@ namespace {
 using optimisation::ComplianceValues;
 
 /// A number, or [least, most].
-void read_range(Reader& r, const char* name, double& least, double& most) {
+void read_range(Reader& r, const char* name, double& least, double& most, bool required = true) {
+  if (r.describes()) {
+    const Json type{{"type", {"number", "array"}},
+                    {"items", schemas::positive()},
+                    {"exclusiveMinimum", 0},
+                    {"minItems", 2},
+                    {"maxItems", 2}};
+    return r.declare(name, type, required, "a number, or least and most");
+  }
   const Json* given = r.any(name);
   if (!given) throw RequestError(r.pointer(name), "is missing, expected a number or [least, most]");
   const std::vector<double> range = given->is_array() ? r.numbers(name) : std::vector<double>(2, r.number(name));
@@ -39,64 +47,85 @@ double violation(const ComplianceRequest& request, const ComplianceValues& v) {
   return beyond;
 }
 
-/// With the member "axes".
-optimisation::CompliantFrame read_frame(Reader& r, const robot::RobotModel& robot) {
-  optimisation::CompliantFrame frame;
-  const std::string name = r.text("frame", "");
-  try {
-    frame.frame = name.empty() ? robot.end_effector() : robot.frame(name);
-  } catch (const Error& e) {
-    throw RequestError(r.pointer("frame"), e.what());
-  }
-  const Json& axes = *r.any("axes");
-  if (!axes.is_array() || axes.empty() || axes.size() > 3)
-    throw RequestError(r.pointer("axes"), "expected an array of one to three axes");
-  for (std::size_t k = 0; k < axes.size(); ++k) {
-    Reader one(axes[k], r.pointer("axes") + "/" + std::to_string(k));
-    optimisation::CompliantFrame::Axis axis;
-    const std::vector<double> u = one.numbers("direction");
-    if (u.size() != 3 || !(Eigen::Vector3d(u[0], u[1], u[2]).norm() > 0))
-      throw RequestError(one.pointer("direction"), "expected three numbers in the axes of the base, not all 0");
-    axis.u = Eigen::Vector3d(u[0], u[1], u[2]).stableNormalized();
-    read_range(one, "M_kg", axis.least.M, axis.most.M);
-    read_range(one, "D_Ns_per_m", axis.least.D, axis.most.D);
-    read_range(one, "S_N_per_m", axis.least.S, axis.most.S);
-    one.finish();
-    frame.axes.push_back(axis);
-  }
-  frame.load = r.positive("load_kg");
-  frame.settled = r.positive("settled_m");
-  if (r.has("deflection_max_m")) frame.deflection_max = r.positive("deflection_max_m");
-  if (r.has("zeta_min")) frame.zeta_min = r.positive("zeta_min");
-  if (r.has("omega_max_rad_per_s")) frame.omega_max = r.positive("omega_max_rad_per_s");
-  frame.T_process = r.number("T_process_s", 0);
-  if (frame.T_process < 0) throw RequestError(r.pointer("T_process_s"), "is negative, expected 0 or more");
+optimisation::CompliantFrame::Axis read_axis(Reader& r) {
+  optimisation::CompliantFrame::Axis axis;
+  const std::vector<double> u = r.vector("direction", 3, false);
+  if (!r.describes()) axis.u = Eigen::Vector3d(u[0], u[1], u[2]);
+  if (!(axis.u.norm() > 0))
+    throw RequestError(r.pointer("direction"), "expected three numbers in the axes of the base, not all 0");
+  axis.u = axis.u.stableNormalized();
+  read_range(r, "M_kg", axis.least.M, axis.most.M);
+  read_range(r, "D_Ns_per_m", axis.least.D, axis.most.D);
+  read_range(r, "S_N_per_m", axis.least.S, axis.most.S);
   r.finish();
-  return frame;
+  return axis;
+}
+
+std::vector<optimisation::CompliantFrame::Axis> read_axes(Reader& r) {
+  if (r.describes())
+    r.declare("axes", {{"type", "array"}, {"items", Reader::schema_of(read_axis)}, {"minItems", 1}, {"maxItems", 3}}, false,
+              "searched together with the motion; M_kg, D_Ns_per_m and S_N_per_m are then those of the axes, and load_kg and "
+              "settled_m are required");
+  std::vector<optimisation::CompliantFrame::Axis> all;
+  const Json* axes = r.any("axes");
+  if (!axes) return all;
+  if (!axes->is_array() || axes->empty() || axes->size() > 3)
+    throw RequestError(r.pointer("axes"), "expected an array of one to three axes");
+  for (std::size_t k = 0; k < axes->size(); ++k) {
+    Reader one((*axes)[k], r.pointer("axes") + "/" + std::to_string(k));
+    all.push_back(read_axis(one));
+  }
+  return all;
+}
+
+/// The member compliance: the frame with axes, or without axes the request. The schema has the members of both.
+void read_members(Reader& r, const robot::RobotModel& robot, ComplianceRequest& c, optimisation::CompliantFrame& frame) {
+  const bool with_axes = r.any("axes") != nullptr;
+  if (!with_axes) {
+    read_range(r, "M_kg", c.least.M, c.most.M, false);
+    read_range(r, "D_Ns_per_m", c.least.D, c.most.D, false);
+    read_range(r, "S_N_per_m", c.least.S, c.most.S, false);
+  }
+  frame.axes = read_axes(r);
+  if (with_axes || r.describes()) {
+    const std::string name = r.text("frame", "", "with axes: of the URDF; without it the end effector");
+    if (!r.describes()) {
+      try {
+        frame.frame = name.empty() ? robot.end_effector() : robot.frame(name);
+      } catch (const Error& e) {
+        throw RequestError(r.pointer("frame"), e.what());
+      }
+    }
+    const std::optional<double> required = r.describes() ? std::optional<double>(0) : std::nullopt;
+    frame.load = r.positive("load_kg", required, "with axes: mass at the frame, whose inertia deflects it");
+    frame.settled = r.positive("settled_m", required, "with axes: deflection that counts as settled");
+    frame.deflection_max =
+        r.positive("deflection_max_m", frame.deflection_max, "with axes: bound of the deflection during the motion");
+  }
+  c.zeta_min = frame.zeta_min = r.positive("zeta_min", 0, "least damping ratio D/(2 sqrt(M S))");
+  const double omega_max = r.positive("omega_max_rad_per_s", 0, "largest natural frequency sqrt(S/M)");
+  if (omega_max > 0) c.omega_max = frame.omega_max = omega_max;
+  if (!with_axes) c.settled_share = r.share("settled_share", 0.02);
+  c.T_process = frame.T_process = r.not_negative("T_process_s", 0);
 }
 
 }  // namespace
 
 std::optional<ComplianceRequest> read_compliance(Reader& request, optimisation::Problem& problem) {
+  ComplianceRequest c;
+  optimisation::CompliantFrame frame;
+  const auto read = [&](Reader& r) { read_members(r, problem.robot, c, frame); };
+  if (request.describes())
+    request.declare("compliance", Reader::schema_of(read), false,
+                    "parameters of M x'' + D x' + S x of least settling time after the move");
   const Json* given = request.any("compliance");
   if (!given) return {};
   Reader r(*given, request.pointer("compliance"));
-  if (r.any("axes")) {
-    problem.compliant = read_frame(r, problem.robot);
-    return {};
-  }
-  ComplianceRequest c;
-  read_range(r, "M_kg", c.least.M, c.most.M);
-  read_range(r, "D_Ns_per_m", c.least.D, c.most.D);
-  read_range(r, "S_N_per_m", c.least.S, c.most.S);
-  if (r.has("zeta_min")) c.zeta_min = r.positive("zeta_min");
-  if (r.has("omega_max_rad_per_s")) c.omega_max = r.positive("omega_max_rad_per_s");
-  c.settled_share = r.positive("settled_share", 0.02);
-  if (c.settled_share >= 1) throw RequestError(r.pointer("settled_share"), "is 1 or more, expected less than 1");
-  c.T_process = r.number("T_process_s", 0);
-  if (c.T_process < 0) throw RequestError(r.pointer("T_process_s"), "is negative, expected 0 or more");
+  read(r);
   r.finish();
-  return c;
+  if (frame.axes.empty()) return c;
+  problem.compliant = frame;
+  return {};
 }
 
 Json compliance_json(const ComplianceRequest& request, double T_move, std::uint64_t seed) {

@@ -4,9 +4,10 @@
 
 namespace cotwin::services {
 
-ContactOptions read_contact_frame(const Robot& robot, Reader& r) {
+ContactOptions read_contact_frame(const Robot& robot, Reader& r, const char* of_frame, const char* of_direction,
+                                  const char* of_motors) {
   ContactOptions o;
-  o.frame = r.text("frame", "");
+  o.frame = r.text("frame", "", of_frame);
   if (!o.frame.empty()) {
     try {
       robot.model.frame(o.frame);
@@ -14,13 +15,14 @@ ContactOptions read_contact_frame(const Robot& robot, Reader& r) {
       throw RequestError(r.pointer("frame"), e.what());
     }
   }
-  if (r.has("direction")) {
-    const std::vector<double> u = r.numbers("direction");
-    if (u.size() != 3 || !(Eigen::Vector3d(u[0], u[1], u[2]).norm() > 0))
-      throw RequestError(r.pointer("direction"), "expected three numbers in the axes of the base, not all 0");
+  const bool given = r.any("direction") != nullptr;
+  const std::vector<double> u = r.vector("direction", 3, true, of_direction);
+  if (given) {
     o.u = Eigen::Vector3d(u[0], u[1], u[2]);
+    if (!(o.u->norm() > 0))
+      throw RequestError(r.pointer("direction"), "expected three numbers in the axes of the base, not all 0");
   }
-  o.motors_held = r.word("motors", {"free", "held"}) == "held";
+  o.motors_held = r.word("motors", {"free", "held"}, of_motors) == "held";
   if (o.motors_held && !robot.drives)
     throw RequestError(r.pointer("motors"),
                        "is held, but the robot has no drive_train.ssv with the inertias of its motors, expected free");
@@ -28,10 +30,11 @@ ContactOptions read_contact_frame(const Robot& robot, Reader& r) {
   return o;
 }
 
-void read_body_parts(const Robot& robot, Reader& r, ContactOptions& o) {
-  if (robot.parts.empty())
+void read_body_parts(const Robot& robot, Reader& r, ContactOptions& o, const char* of_parts) {
+  if (robot.parts.empty() && !r.describes())
     throw RequestError("", "there is no table of body parts, expected people/iso_ts_15066.csv beside the folder of robots");
-  for (const std::string& name : r.texts("parts", {"hands_and_fingers", "chest"})) {
+  for (const std::string& name : r.texts("parts", {"hands_and_fingers", "chest"}, of_parts)) {
+    if (r.describes()) break;
     try {
       o.parts.push_back(robot::find_body_part(robot.parts, name, "parts"));
     } catch (const Error& e) {
@@ -39,7 +42,7 @@ void read_body_parts(const Robot& robot, Reader& r, ContactOptions& o) {
     }
   }
   o.transient = r.word("contact", {"transient", "quasi_static"}) == "transient";
-  if (r.has("contact_area_m2")) o.area = r.positive("contact_area_m2");
+  o.area = r.positive("contact_area_m2", 0, "also the permissible pressure counts");
 }
 
 }  // namespace cotwin::services

@@ -5,9 +5,10 @@
 
 namespace cotwin::services {
 
-/// The members "frame", "direction" and "motors". Throws RequestError.
-ContactOptions read_contact_frame(const Robot& robot, Reader& r);
+/// The members "frame", "direction" and "motors" with their descriptions. Throws RequestError.
+ContactOptions read_contact_frame(const Robot& robot, Reader& r, const char* of_frame, const char* of_direction,
+                                  const char* of_motors);
 /// The members "parts", "contact" and "contact_area_m2". Throws RequestError, also without a table of body parts.
-void read_body_parts(const Robot& robot, Reader& r, ContactOptions& options);
+void read_body_parts(const Robot& robot, Reader& r, ContactOptions& options, const char* of_parts);
 
 }  // namespace cotwin::services

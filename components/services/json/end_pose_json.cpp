@@ -10,9 +10,15 @@ namespace {
 
 /// Some of x, y, z, rx, ry, rz.
 robot::TaskDirections read_directions(Reader& r) {
+  if (r.describes())
+    r.declare("directions",
+              {{"type", {"array", "string"}},
+               {"items", {{"type", "string"}, {"enum", {"all", "x", "y", "z", "rx", "ry", "rz"}}}},
+               {"minItems", 1}},
+              false, "that have to be reached; the joints may have one more; without it all six");
   std::string names;
-  for (const std::string& name : r.texts("directions", {"all"})) names += (names.empty() ? "" : ",") + name;
-  const bool of_tool = r.word("axes", {"base", "tool"}) == "tool";
+  for (const std::string& name : r.texts("directions", {"all"}, nullptr)) names += (names.empty() ? "" : ",") + name;
+  const bool of_tool = r.word("axes", {"base", "tool"}, "of the directions") == "tool";
   try {
     return robot::task_directions(names, of_tool);
   } catch (const Error& e) {
@@ -20,33 +26,40 @@ robot::TaskDirections read_directions(Reader& r) {
   }
 }
 
-std::vector<double> read_vector(Reader& r, const char* name, std::size_t size) {
-  std::vector<double> x = r.numbers(name);
-  if (x.size() != size)
-    throw RequestError(r.pointer(name), "has " + std::to_string(x.size()) + " values, expected " + std::to_string(size));
-  return x;
-}
-
-robot::PoseTarget read_target(Reader& r) {
-  const std::vector<double> p = read_vector(r, "p_m", 3), Q = read_vector(r, "quaternion_wxyz", 4);
+/// None if the pose is not given.
+std::optional<robot::PoseTarget> read_target(Reader& r) {
+  const bool given = r.any("p_m") || r.any("quaternion_wxyz");
+  const std::vector<double> p = r.vector("p_m", 3, !given, "in the base"),
+                            Q = r.vector("quaternion_wxyz", 4, !given, "of the frame in the base");
+  if (!given) return {};
   const Eigen::Quaterniond q(Q[0], Q[1], Q[2], Q[3]);
   if (!(std::abs(q.norm() - 1) < 1e-3))
     throw RequestError(r.pointer("quaternion_wxyz"), "has the norm " + Json(q.norm()).dump() + ", expected 1");
-  return {Eigen::Vector3d(p[0], p[1], p[2]), q.normalized()};
+  return robot::PoseTarget{Eigen::Vector3d(p[0], p[1], p[2]), q.normalized()};
 }
 
 }  // namespace
 
 std::optional<EndPose> read_end_pose(Reader& request, optimisation::Problem& problem) {
+  std::string name;
+  robot::TaskDirections directions;
+  std::optional<robot::PoseTarget> target;
+  const auto read = [&](Reader& r) {
+    name = r.text("frame", "", "of the URDF; without it the end effector");
+    directions = read_directions(r);
+    target = read_target(r);
+  };
+  if (request.describes())
+    request.declare(
+        "to_pose", Reader::schema_of(read), false,
+        "the motion may end in any posture that reaches this pose; without p_m and quaternion_wxyz the pose at to_q");
   const Json* given = request.any("to_pose");
   if (!given) return {};
   Reader r(*given, request.pointer("to_pose"));
-  const std::string name = r.text("frame", "");
-  const robot::TaskDirections directions = read_directions(r);
-  const bool has_target = r.any("p_m") || r.any("quaternion_wxyz");
-  EndPose end;
-  if (has_target) end.target = read_target(r);
+  read(r);
   r.finish();
+  EndPose end;
+  if (target) end.target = *target;
 
   robot::RobotModel bounded = problem.robot;  // postures are searched within the bounds of the request
   for (std::size_t j = 0; j < bounded.joints.size(); ++j) {
@@ -66,7 +79,7 @@ std::optional<EndPose> read_end_pose(Reader& request, optimisation::Problem& pro
                        "leaves " + std::to_string(end.kinematics->n() - end.kinematics->rows()) +
                            " directions of the joints free, expected at most one: more directions, or locked_q");
   const Eigen::Map<const Eigen::VectorXd> q(problem.ends.q_to.data(), problem.robot.n());
-  if (!has_target) {
+  if (!target) {
     robot::FrameKinematics kinematics(bounded, *frame);
     Eigen::MatrixXd J(6, problem.robot.n());
     const robot::FrameMotion pose = kinematics.jacobian(q, J);

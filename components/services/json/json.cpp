@@ -5,25 +5,33 @@
 
 #include "components/services/json/answers.h"
 #include "components/services/json/move_json.h"
+#include "components/services/json/schemas.h"
 #include "models/foundation/support/text.h"
 
 namespace cotwin::services {
 
 namespace {
 
-using Answer = Json (*)(const Robot&, Reader&, const Context&);
-constexpr std::pair<const char*, Answer> kServices[] = {
-    {"feasibility", answer_feasibility},
-    {"cycle_time", answer_cycle_time},
-    {"energy", answer_energy},
-    {"torques", answer_torques},
-    {"peak_power", answer_peak_power},
-    {"jerk", answer_jerk},
-    {"effective_mass", answer_effective_mass},
-    {"safety", answer_safety},
-    {"throughput", answer_throughput},
-    {"optimise", answer_optimise},
-    {"verify", answer_verify},
+struct Service {
+  const char *name, *description;
+  Json (*answer)(const Robot&, Reader&, const Context&);
+};
+constexpr Service kServices[] = {
+    {"feasibility", "Can the robot make the move? Names joint, time and bound.", answer_feasibility},
+    {"cycle_time", "The shortest duration of the move within the bounds.", answer_cycle_time},
+    {"energy", "What the move costs: books from the mains to the joints, and the duration of least energy.", answer_energy},
+    {"torques", "Torques of the move by terms: inertia, Coriolis, gravity, drives.", answer_torques},
+    {"peak_power", "The largest mechanical power of the motors, drawn and returned.", answer_peak_power},
+    {"jerk", "Jerk of the move against its bound and against the quintic of the same duration.", answer_jerk},
+    {"effective_mass", "Mass that a frame shows along the move. null: it cannot move in that direction.",
+     answer_effective_mass},
+    {"safety", "Speeds of a frame against limits of body parts (ISO/TS 15066). Not a proof of safety.", answer_safety},
+    {"throughput", "Time of a cycle and moves per hour when a compliance M x'' + D x' + S x must settle after the move.",
+     answer_throughput},
+    {"optimise", "The better motion: redundant coefficients and duration of least cost within the bounds.", answer_optimise},
+    {"verify",
+     "The move in a co-simulation of the twin, with elastic joints and friction where the robot has data of its drives.",
+     answer_verify},
 };
 
 /// The reply with the notes on the robot before its own, as the last member.
@@ -37,7 +45,7 @@ Json with_notes(Json reply, const Robot& robot) {
 
 Json reply_to(const Robot& robot, Reader& r, const Context& context) {
   const std::string service = r.text("service");
-  for (const auto& [name, answer] : kServices)
+  for (const auto& [name, description, answer] : kServices)
     if (service == name) return context.only_read ? answer(robot, r, context) : with_notes(answer(robot, r, context), robot);
   r.word("service", service_names());
   throw RequestError("/service", "is unknown");
@@ -59,29 +67,29 @@ std::string text_of(const Json& reply) {
 
 std::vector<std::string> service_names() {
   std::vector<std::string> names;
-  for (const auto& [name, answer] : kServices) names.emplace_back(name);
+  for (const Service& service : kServices) names.emplace_back(service.name);
   return names;
+}
+
+std::string schema(const std::string& name) {
+  constexpr const char* kDialect = "https://json-schema.org/draft/2020-12/schema";
+  const auto* const service = std::ranges::find(kServices, name, &Service::name);
+  if (service == std::end(kServices))
+    throw Error("schema", "'" + name + "' is no service, expected one of those that service_names() lists");
+  Json request = Reader::schema_of([&](Reader& r) {
+    r.declare("service", {{"const", name}}, true);
+    r.text("robot", "", "name of a robot");
+    r.declare("locked_q", {{"type", "object"}, {"additionalProperties", schemas::kNumber}}, false,
+              "joints that stand still, by name: position in rad or m");
+    (void)service->answer({}, r, {});
+  });
+  Json reply = reply_schema(name);
+  request["$schema"] = reply["$schema"] = kDialect;
+  return Json{{"title", name}, {"description", service->description}, {"request", request}, {"reply", reply}}.dump();
 }
 
 RequestError::RequestError(const std::string& pointer, const std::string& detail)
     : Error(pointer.empty() ? "request" : pointer, detail), pointer_(pointer), detail_(detail) {}
-
-std::string answer(const Robot& robot, std::string_view request, const Context& context) {
-  const Json object = parse_object(request);
-  Reader r(object);
-  if (const std::string name = r.text("robot", robot.name); name != robot.name)
-    throw RequestError("/robot", "is '" + name.substr(0, 40) + "', expected '" + robot.name + "'");
-  return text_of(reply_to(robot, r, context));
-}
-
-std::string answer(const robot::RobotModel& model, std::string_view request, numerics::Threads* threads) {
-  Robot robot;
-  robot.name = model.name;
-  robot.model = model;
-  Context context;
-  context.threads = threads;
-  return answer(robot, request, context);
-}
 
 std::string answer(Robots& robots, std::string_view request, const Context& context) {
   return answer_object(robots, parse_object(request), context);

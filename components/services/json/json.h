@@ -41,13 +41,12 @@ struct Context {
 /// The names of all services.
 std::vector<std::string> service_names();
 
-/// Answers a request {"service": "feasibility", …} with one line of JSON. Same request, same
-/// robot: same bytes. Throws Error.
-std::string answer(const Robot& robot, std::string_view request, const Context& context = {});
-/// The same without data of drives.
-std::string answer(const robot::RobotModel& robot, std::string_view request, numerics::Threads* threads = nullptr);
-/// The same for a request with the member "robot", a name; without it the fallback of `robots`. "locked_q" holds joints,
-/// {"joint": position in rad or m}.
+/// The JSON Schemas (2020-12) of a service as {"title", "description", "request": {…}, "reply": {…}}, one line. Throws Error for an
+/// unknown service.
+std::string schema(const std::string& service);
+
+/// Answers a request {"service": "feasibility", "robot": "lwr4", …} with one line of JSON. Without the member "robot" the fallback of
+/// `robots` is taken. "locked_q" holds joints, {"joint": position in rad or m}. Same request, same robot: same bytes. Throws Error.
 std::string answer(Robots& robots, std::string_view request, const Context& context = {});
 std::string answer_object(Robots& robots, const nlohmann::ordered_json& request, const Context& context = {});
 /// Throws what answer_object() throws for a request that can never be answered by these robots: members that are unknown, missing or

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <tuple>
 
 #include "components/services/energy_service.h"
 #include "models/foundation/support/text.h"
@@ -62,7 +63,21 @@ const Json* JointUnits::member(Reader& r, const std::string& plain, int order, s
   return value;
 }
 
-std::vector<double> JointUnits::read(Reader& r, const std::string& plain, int order, bool optional) const {
+namespace {
+
+/// A member of joints: with the suffix of revolute ones, without it for robots with prismatic joints.
+std::vector<double> describe(Reader& r, const std::string& plain, int order, const Json& type, const char* what) {
+  const std::string each = std::string(what) + ", one per joint";
+  r.declare(plain + "_" + kRevolute[order], type, false, each.c_str());
+  r.declare(plain, type, false, (each + " of a robot with prismatic joints, those in m, m/s, … and N").c_str());
+  if (order == 0) r.declare(plain + "_deg", type, false, (std::string(what) + ", in degrees").c_str());
+  return {};
+}
+
+}  // namespace
+
+std::vector<double> JointUnits::read(Reader& r, const std::string& plain, int order, bool optional, const char* what) const {
+  if (r.describes()) return describe(r, plain, order, schemas::kNumbers, what);
   std::string found = name(plain, order);
   if (!member(r, plain, order, found) && optional) return {};
   std::vector<double> values = r.numbers(found.c_str());
@@ -76,7 +91,9 @@ std::vector<double> JointUnits::read(Reader& r, const std::string& plain, int or
   return values;
 }
 
-std::vector<double> JointUnits::read_bounds(Reader& r, const std::string& plain, int order, double none) const {
+std::vector<double> JointUnits::read_bounds(Reader& r, const std::string& plain, int order, double none,
+                                            const char* what) const {
+  if (r.describes()) return describe(r, plain, order, schemas::kNumbersOrNull, what);
   std::string found;
   const Json* given = member(r, plain, order, found);
   if (!given) return {};
@@ -141,39 +158,37 @@ Move read_move(const Robot& robot, Reader& r, bool timed) {
   if (r.gives("from"))
     throw RequestError(r.pointer("from"), "is given, expected " + units.name("from_q", 0) +
                                               " with a posture, or \"run\" in a request to the gateway of a run");
-  for (auto& [plain, q] : {std::pair{"from_q", &m.from_q}, {"to_q", &m.to_q}}) {
-    *q = units.read(r, plain, 0, false);
+  for (auto& [plain, q, what] :
+       {std::tuple{"from_q", &m.from_q, "posture at the start"}, {"to_q", &m.to_q, "posture at the end"}}) {
+    *q = units.read(r, plain, 0, false, what);
     if (q->size() != n)
       throw RequestError(r.pointer(units.name(plain, 0).c_str()),
                          "has " + std::to_string(q->size()) + " values, expected " + std::to_string(n) + ", one per joint");
   }
+  r.declare_one_of({"from_q_rad", "from_q_deg", "from_q"});
+  r.declare_one_of({"to_q_rad", "to_q_deg", "to_q"});
   bool own_limits = false;
   for (const char* name : {"q_min", "q_min_rad", "q_min_deg", "q_max", "q_max_rad", "q_max_deg"})
     own_limits = own_limits || r.gives(name);
   for (const auto& [plain, q] : {std::pair{"from_q", &m.from_q}, {"to_q", &m.to_q}})
     if (!own_limits && !r.gives((std::string(plain) + "_deg").c_str())) refuse_degrees(robot.model, r, plain, *q);
-  m.degree = r.integer("degree", 5, 31, 5);
-  m.c = units.read(r, "c_r", 0, true);
+  if (timed) m.T = r.duration("T_s", 0, "duration; without it the shortest one");
+  m.degree = r.integer("degree", 5, 31, 5, "of the polynomials");
+  m.c = units.read(r, "c_r", 0, true, "redundant coefficients, joint by joint, (degree - 5) each");
   if (const std::size_t expected = n * static_cast<std::size_t>(m.degree - 5); !m.c.empty() && m.c.size() != expected)
     throw RequestError(r.pointer(units.name("c_r", 0).c_str()), "has " + std::to_string(m.c.size()) + " values, expected " +
                                                                     std::to_string(expected) + ": joints times (degree - 5)");
-  m.bounds.q_min = units.read_bounds(r, "q_min", 0, -kNone);
-  m.bounds.q_max = units.read_bounds(r, "q_max", 0, kNone);
-  m.bounds.dq = units.read_bounds(r, "dq_max", 1, kNone);
-  m.bounds.ddq = units.read_bounds(r, "ddq_max", 2, kNone);
-  m.bounds.dddq = units.read_bounds(r, "dddq_max", 3, kNone);
-  m.bounds.tau = units.read_bounds(r, "tau_max", 4, kNone);
-  if (r.word("drives", {"robot", "none"}) == "robot") m.drives = drive_terms(robot);
-  if (!timed || !r.has("T_s")) return m;
-  m.T = read_duration(r, "T_s");
+  constexpr const char *kBound = "bound, null: none", *kReplaced = "bound in place of the robot's, null: none";
+  m.bounds.q_min = units.read_bounds(r, "q_min", 0, -kNone, kReplaced);
+  m.bounds.q_max = units.read_bounds(r, "q_max", 0, kNone, kReplaced);
+  m.bounds.dq = units.read_bounds(r, "dq_max", 1, kNone, kReplaced);
+  m.bounds.ddq = units.read_bounds(r, "ddq_max", 2, kNone, kBound);
+  m.bounds.dddq = units.read_bounds(r, "dddq_max", 3, kNone, kBound);
+  m.bounds.tau =
+      units.read_bounds(r, "tau_max", 4, kNone, "bound of the motors behind the gears in place of the robot's, null: none");
+  if (r.word("drives", {"robot", "none"}, "whether inertia and friction of the motors count") == "robot")
+    m.drives = drive_terms(robot);
   return m;
-}
-
-double read_duration(Reader& r, const char* name) {
-  const double T = r.positive(name);
-  if (T < kBriefest || T > kLongest)
-    throw RequestError(r.pointer(name), "is " + Json(T).dump() + ", expected 0.0001 to 10000 s");
-  return T;
 }
 
 void add_notes(Json& reply, const std::vector<std::string>& notes) {
@@ -181,14 +196,15 @@ void add_notes(Json& reply, const std::vector<std::string>& notes) {
 }
 
 Detail read_detail(Reader& r) {
-  const std::string word = r.word("detail", {"margins", "verdict", "series", "all"});
+  const std::string word = r.word("detail", {"margins", "verdict", "series", "all"}, "how much the reply tells");
   return word == "verdict"   ? Detail::kVerdict
          : word == "margins" ? Detail::kMargins
          : word == "series"  ? Detail::kSeries
                              : Detail::kAll;
 }
 
-energetics::Bus bus_of(const std::string& word) {
+energetics::Bus read_bus(Reader& r, const char* what) {
+  const std::string word = r.word("bus", {"shared", "none", "grid"}, what);
   return word == "none" ? energetics::Bus::kSeparate : word == "grid" ? energetics::Bus::kGrid : energetics::Bus::kShared;
 }
 

@@ -21,9 +21,9 @@ class JointUnits {
   /// The name with the suffix of all joints: "c_r_rad", "c_r".
   std::string name(const std::string& plain, int order) const;
   /// Values per joint: "from_q_rad" or "from_q"; positions also "from_q_deg". Empty if optional and not given.
-  std::vector<double> read(Reader& r, const std::string& plain, int order, bool optional) const;
+  std::vector<double> read(Reader& r, const std::string& plain, int order, bool optional, const char* what) const;
   /// The same, where null means no bound: `none`.
-  std::vector<double> read_bounds(Reader& r, const std::string& plain, int order, double none) const;
+  std::vector<double> read_bounds(Reader& r, const std::string& plain, int order, double none, const char* what) const;
 
  private:
   const Json* member(Reader& r, const std::string& plain, int order, std::string& found) const;
@@ -32,15 +32,13 @@ class JointUnits {
   bool all_revolute_ = true;
 };
 
-/// The members of a move. With `timed` T_s; else there is none.
+/// The members of a move. With `timed` T_s; else there is none. A reader that describes takes a robot without joints.
 Move read_move(const Robot& robot, Reader& r, bool timed);
 Detail read_detail(Reader& r);
-/// A duration of a move, kBriefest to kLongest, s.
-double read_duration(Reader& r, const char* name);
 /// Adds texts to the member "notes" of a reply, which only exists where there are notes.
 void add_notes(Json& reply, const std::vector<std::string>& notes);
-/// "shared", "none" or "grid".
-energetics::Bus bus_of(const std::string& word);
+/// The member "bus": "shared", "none" or "grid".
+energetics::Bus read_bus(Reader& r, const char* what);
 
 /// [{"joint", "q_rad": {"value", "limit", "share", "t_s"}, …}] of each joint; bounds that there are none have no "limit" and "share".
 Json peaks_of(const robot::RobotModel& robot, const std::vector<optimisation::Peak>& peaks);

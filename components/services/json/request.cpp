@@ -8,6 +8,7 @@ namespace {
 
 constexpr int kDeepest = 32;
 constexpr std::size_t kLongestQuote = 40;
+const Json kNothing = Json::object();
 
 std::string type_of(const Json& value) { return std::string("is of type ") + value.type_name(); }
 
@@ -57,18 +58,56 @@ Reader::Reader(const Json& object, std::string pointer) : object_(object), point
   if (!object.is_object()) throw RequestError(pointer_, type_of(object) + ", expected an object");
 }
 
-double Reader::number(const char* name, std::optional<double> other) {
-  if (const Json* value = find(name, other.has_value())) return finite(*value, pointer(name));
-  return *other;
+Reader::Reader(schemas::Object& schema) : object_(kNothing), schema_(&schema) {}
+
+void Reader::declare(const std::string& name, Json type, bool required, const char* what) {
+  if (!describes() || schema_->members.contains(name)) return;
+  if (what) type["description"] = what;
+  schema_->may(name.c_str(), std::move(type));
+  if (required) schema_->required.push_back(name);
 }
 
-double Reader::positive(const char* name, std::optional<double> other) {
+void Reader::declare_one_of(std::initializer_list<const char*> names) {
+  if (describes()) schema_->one_of(names);
+}
+
+double Reader::number(const char* name, std::optional<double> other, const char* what) {
+  if (describes()) declare(name, schemas::kNumber, !other, what);
+  if (const Json* value = find(name, describes() || other.has_value())) return finite(*value, pointer(name));
+  return other.value_or(0);
+}
+
+double Reader::positive(const char* name, std::optional<double> other, const char* what) {
+  if (describes()) declare(name, schemas::positive(), !other, what);
   const double x = number(name, other);
-  if (!(x > 0)) throw RequestError(pointer(name), "is " + Json(x).dump() + ", expected a number greater than 0");
+  if (!(x > 0) && any(name)) throw RequestError(pointer(name), "is " + Json(x).dump() + ", expected a number greater than 0");
   return x;
 }
 
-int Reader::integer(const char* name, int least, int most, int other) {
+double Reader::not_negative(const char* name, double other, const char* what) {
+  if (describes()) declare(name, schemas::at_least_zero(), false, what);
+  const double x = number(name, other);
+  if (x < 0 && any(name)) throw RequestError(pointer(name), "is negative, expected 0 or more");
+  return x;
+}
+
+double Reader::share(const char* name, double other) {
+  if (describes()) declare(name, {{"type", "number"}, {"exclusiveMinimum", 0}, {"exclusiveMaximum", 1}, {"default", other}});
+  const double x = positive(name, other);
+  if (x >= 1) throw RequestError(pointer(name), "is 1 or more, expected less than 1");
+  return x;
+}
+
+double Reader::duration(const char* name, double other, const char* what) {
+  if (describes()) declare(name, {{"type", "number"}, {"minimum", kBriefest}, {"maximum", kLongest}}, false, what);
+  const double T = positive(name, other);
+  if (any(name) && (T < kBriefest || T > kLongest))
+    throw RequestError(pointer(name), "is " + Json(T).dump() + ", expected 0.0001 to 10000 s");
+  return T;
+}
+
+int Reader::integer(const char* name, int least, int most, int other, const char* what) {
+  if (describes()) declare(name, {{"type", "integer"}, {"minimum", least}, {"maximum", most}, {"default", other}}, false, what);
   const Json* value = find(name, true);
   if (!value) return other;
   if (!value->is_number_integer() || *value < least || *value > most)
@@ -78,30 +117,44 @@ int Reader::integer(const char* name, int least, int most, int other) {
   return value->get<int>();
 }
 
-bool Reader::boolean(const char* name, bool other) {
+bool Reader::boolean(const char* name, bool other, const char* what) {
+  if (describes()) declare(name, {{"type", "boolean"}, {"default", other}}, false, what);
   const Json* value = find(name, true);
   if (!value) return other;
   if (!value->is_boolean()) throw RequestError(pointer(name), type_of(*value) + ", expected true or false");
   return value->get<bool>();
 }
 
-std::vector<double> Reader::numbers(const char* name, bool optional) {
-  const Json* value = find(name, optional);
-  if (!value) return {};
+std::vector<double> Reader::numbers(const char* name) {
+  const Json* value = find(name, false);
   if (!value->is_array()) throw RequestError(pointer(name), type_of(*value) + ", expected an array of numbers");
   std::vector<double> all;
   for (std::size_t i = 0; i < value->size(); ++i) all.push_back(finite((*value)[i], pointer(name) + "/" + std::to_string(i)));
   return all;
 }
 
-std::string Reader::text(const char* name, std::optional<std::string> other) {
-  const Json* value = find(name, other.has_value());
-  if (!value) return *other;
+std::vector<double> Reader::vector(const char* name, std::size_t size, bool optional, const char* what) {
+  if (describes()) {
+    declare(name, {{"type", "array"}, {"items", schemas::kNumber}, {"minItems", size}, {"maxItems", size}}, !optional, what);
+    return {};
+  }
+  if (optional && !has(name)) return {};
+  std::vector<double> x = numbers(name);
+  if (x.size() != size)
+    throw RequestError(pointer(name), "has " + std::to_string(x.size()) + " values, expected " + std::to_string(size));
+  return x;
+}
+
+std::string Reader::text(const char* name, std::optional<std::string> other, const char* what) {
+  if (describes()) declare(name, schemas::kText, !other, what);
+  const Json* value = find(name, describes() || other.has_value());
+  if (!value) return other.value_or("");
   if (!value->is_string()) throw RequestError(pointer(name), type_of(*value) + ", expected a string");
   return value->get<std::string>();
 }
 
-std::string Reader::word(const char* name, const std::vector<std::string>& words) {
+std::string Reader::word(const char* name, const std::vector<std::string>& words, const char* what) {
+  if (describes()) declare(name, {{"type", "string"}, {"enum", words}, {"default", words.front()}}, false, what);
   const std::string given = text(name, words.front());
   std::string expected;
   for (const std::string& word : words) {
@@ -111,7 +164,8 @@ std::string Reader::word(const char* name, const std::vector<std::string>& words
   throw RequestError(pointer(name), "is " + quoted(given) + ", expected one of " + expected);
 }
 
-std::vector<std::string> Reader::texts(const char* name, const std::vector<std::string>& other) {
+std::vector<std::string> Reader::texts(const char* name, const std::vector<std::string>& other, const char* what) {
+  if (describes()) declare(name, {{"type", {"array", "string"}}, {"items", schemas::kText}}, false, what);
   const Json* value = find(name, true);
   if (!value) return other;
   if (value->is_string()) return {value->get<std::string>()};
@@ -138,6 +192,11 @@ void Reader::finish() const {
     const std::string known = text::joined({read_.begin(), read_.end()});
     throw RequestError(pointer(name.substr(0, kLongestQuote).c_str()), "is an unknown member, expected one of " + known);
   }
+}
+
+bool Reader::finish(const Context& context) const {
+  finish();
+  return !describes() && !context.only_read;
 }
 
 const Json* Reader::find(const char* name, bool optional) {

@@ -67,17 +67,11 @@ struct Object {
 
 Json described(Json type, const char* description);
 Json positive();
-Json duration(const char* what);
 Json at_least_zero();
-Json whole(int least, int most, int other);
-Json words(std::initializer_list<const char*> all);
 Json array_of(Json items);
 Json or_null(Json object);
-Object request(const char* service);
 /// A member of joints: with the suffix of revolute ones, without it for robots with prismatic joints.
 void joints(Object& o, const std::string& plain, const char* si, const Json& type, const char* what);
-void move(Object& o, bool timed);
-void samples(Object& o, int other);
 Object joint();
 Json peak();
 Json peaks();
@@ -85,14 +79,9 @@ Json limiting();
 Json series();
 Json motion();
 Json extreme();
-void contact(Object& o);
 Json place();
 Json masses();
-void verification(Object& o);
 Json verified();
-Json end_pose();
-Json range(const char* what);
-Json compliance();
 Json found_compliance();
 Json costs();
 

@@ -1,6 +1,9 @@
 #include "components/services/json/schemas.h"
 
-#include "components/services/json/json.h"
+#include <algorithm>
+#include <string>
+#include <utility>
+
 #include "components/services/json/schema_parts.h"
 
 namespace cotwin::services {
@@ -9,22 +12,9 @@ namespace schemas {
 
 namespace {
 
-constexpr const char* kDialect = "https://json-schema.org/draft/2020-12/schema";
-
-struct Service {
-  const char *name, *description;
-  Object (*request)();
-  Json (*reply)();
-};
-
-const Service kServices[] = {
-    {"feasibility", "Can the robot make the move? Names joint, time and bound.",
-     [] {
-       Object o = request("feasibility");
-       move(o, true);
-       samples(o, 101);
-       return o;
-     },
+/// Schemas of the replies, by the services' names.
+const std::pair<const char*, Json (*)()> kReplies[] = {
+    {"feasibility",
      []() -> Json {
        return Object()
            .must("feasible", kBoolean)
@@ -38,13 +28,7 @@ const Service kServices[] = {
            .may("shared_work_J", kNumber)
            .may("motion", motion());
      }},
-    {"cycle_time", "The shortest duration of the move within the bounds.",
-     [] {
-       Object o = request("cycle_time");
-       move(o, false);
-       o.may("T_process_s", at_least_zero());
-       return o;
-     },
+    {"cycle_time",
      []() -> Json {
        return Object()
            .must("feasible", kBoolean)
@@ -57,18 +41,7 @@ const Service kServices[] = {
            .may("series", series())
            .may("motion", motion());
      }},
-    {"energy", "What the move costs: books from the mains to the joints, and the duration of least energy.",
-     [] {
-       Object o = request("energy");
-       move(o, true);
-       o.may("bus", described(words({"shared", "none", "grid"}), "DC link: shared, split (none), or regenerating (grid)"));
-       o.may("cycle_s", described(positive(), "time for the move and the wait after it"));
-       o.may("price_per_kWh", at_least_zero());
-       o.may("co2_kg_per_kWh", at_least_zero());
-       o.may("best", {{"type", "boolean"}, {"default", false}, {"description", "also the duration of least energy"}});
-       o.may("T_max_s", duration("longest duration for that"));
-       return o;
-     },
+    {"energy",
      []() -> Json {
        Object o;
        o.must("T_s", kNumber).must("feasible", kBoolean).must("reason", kText);
@@ -98,13 +71,7 @@ const Service kServices[] = {
        o.may("series", Object().must("t_s", kNumbers).must("mechanical_power_W", kNumbers));
        return o;
      }},
-    {"torques", "Torques of the move by terms: inertia, Coriolis, gravity, drives.",
-     [] {
-       Object o = request("torques");
-       move(o, true);
-       samples(o, 101);
-       return o;
-     },
+    {"torques",
      []() -> Json {
        return Object()
            .must("T_s", kNumber)
@@ -114,14 +81,7 @@ const Service kServices[] = {
            .may("series", series())
            .may("torque_squared_integral", kNumber);
      }},
-    {"peak_power", "The largest mechanical power of the motors, drawn and returned.",
-     [] {
-       Object o = request("peak_power");
-       move(o, true);
-       samples(o, 101);
-       o.may("power_max_W", described(positive(), "bound for a verdict"));
-       return o;
-     },
+    {"peak_power",
      []() -> Json {
        return Object()
            .must("T_s", kNumber)
@@ -132,12 +92,7 @@ const Service kServices[] = {
            .may("joints", array_of(joint().must("drawn", extreme()).must("returned", extreme())))
            .may("series", Object().must("t_s", kNumbers).must("power_W", kNumbers));
      }},
-    {"jerk", "Jerk of the move against its bound and against the quintic of the same duration.",
-     [] {
-       Object o = request("jerk");
-       move(o, true);
-       return o;
-     },
+    {"jerk",
      []() -> Json {
        return Object()
            .must("T_s", kNumber)
@@ -148,13 +103,7 @@ const Service kServices[] = {
            .must("share_of_quintic", kNumberOrNull)
            .may("joints", array_of(joint().must("t_s", kNumber).like(kValueNames, kNumber).may("share", kNumber)));
      }},
-    {"effective_mass", "Mass that a frame shows along the move. null: it cannot move in that direction.",
-     [] {
-       Object o = request("effective_mass");
-       move(o, true);
-       contact(o);
-       return o;
-     },
+    {"effective_mass",
      []() -> Json {
        return Object()
            .must("feasible", kBoolean)
@@ -167,16 +116,7 @@ const Service kServices[] = {
            .may("end", place())
            .may("series", masses());
      }},
-    {"safety", "Speeds of a frame against limits of body parts (ISO/TS 15066). Not a proof of safety.",
-     [] {
-       Object o = request("safety");
-       move(o, true);
-       contact(o);
-       o.may("parts", {{"type", {"array", "string"}}, {"items", kText}, {"description", "body parts or regions"}});
-       o.may("contact", words({"transient", "quasi_static"}));
-       o.may("contact_area_m2", described(positive(), "also the permissible pressure counts"));
-       return o;
-     },
+    {"safety",
      []() -> Json {
        return Object()
            .must("feasible", kBoolean)
@@ -199,18 +139,7 @@ const Service kServices[] = {
            .may("fastest", place())
            .may("series", masses());
      }},
-    {"throughput", "Time of a cycle and moves per hour when a compliance M x'' + D x' + S x must settle after the move.",
-     [] {
-       Object o = request("throughput");
-       move(o, true);
-       const Json one_or_more{{"type", {"number", "array"}}, {"items", kNumber}, {"minItems", 1}};
-       o.must("M_kg", one_or_more).must("S_N_per_m", one_or_more).may("D_Ns_per_m", one_or_more);
-       o.may("zeta", described(one_or_more, "in place of D_Ns_per_m"));
-       o.one_of({"D_Ns_per_m", "zeta"});
-       o.may("settled_share", {{"type", "number"}, {"exclusiveMinimum", 0}, {"exclusiveMaximum", 1}, {"default", 0.02}});
-       o.may("T_process_s", at_least_zero());
-       return o;
-     },
+    {"throughput",
      []() -> Json {
        return Object()
            .must("feasible", kBoolean)
@@ -224,50 +153,7 @@ const Service kServices[] = {
            .may("stiff_moves_per_hour", kNumber)
            .may("lost_share", kNumber);
      }},
-    {"optimise", "The better motion: redundant coefficients and duration of least cost within the bounds.",
-     [] {
-       Object o = request("optimise");
-       move(o, false);
-       o.may("T_min_s", duration("shortest one; without it 0.0001 s"))
-           .may("T_max_s", duration("longest one; without it the duration is T_min_s"))
-           .one_of({"T_min_s", "T_max_s"});
-       o.may(
-           "cost",
-           {{"type", {"string", "array"}},
-            {"minItems", 1},
-            {"items", Object().must("name", kText).may("weight", at_least_zero())},
-            {"description",
-             "time, torque, work, shared_work, acceleration, jerk, energy, effective_mass, safety, cycle_time or stiffness, or "
-             "several with weights"}});
-       o.may("bus", described(words({"shared", "none", "grid"}),
-                              "for the cost energy: DC link shared, split (none), or regenerating (grid)"));
-       o.may("rule", words({"weighted", "lexicographic", "pareto"}));
-       o.may("tolerance",
-             described(at_least_zero(), "lexicographic: by which an earlier cost may exceed its optimum, relative"));
-       o.may("directions", described(whole(2, 1000, 11), "pareto: searches with different weights"));
-       o.may("particles", whole(8, 100000, 200)).may("rounds", whole(1, 100000, 500)).may("seed", whole(0, 2147483647, 1));
-       o.may("refine", {{"type", "boolean"}, {"default", true}, {"description", "Newton's method after the swarm"}});
-       o.may("evaluations_max",
-             described(whole(1, 1000000000, 10000000), "motions that are tried before the search ends early"));
-       o.may("limit_s", described(positive(), "real time before the search ends early; the reply then depends on the machine"));
-       o.may("verify", {{"type", "boolean"}, {"default", false}, {"description", "also a co-simulation of the twin"}});
-       verification(o);
-       o.may("to_pose", described(end_pose(),
-                                  "the motion may end in any posture that reaches this pose; without p_m and "
-                                  "quaternion_wxyz the pose at to_q"));
-       o.may("compliance", described(compliance(), "parameters of M x'' + D x' + S x of least settling time after the move"));
-       o.may("frame", described(kText, "of the costs effective_mass and safety; without it the end effector"));
-       o.may("direction", {{"type", "array"},
-                           {"items", kNumber},
-                           {"minItems", 3},
-                           {"maxItems", 3},
-                           {"description", "in the axes of the base; without it along the velocity"}});
-       o.may("motors", described(words({"free", "held"}), "whether the inertias of the motors count"));
-       o.may("parts", {{"type", {"array", "string"}}, {"items", kText}, {"description", "of the cost safety"}});
-       o.may("contact", words({"transient", "quasi_static"}));
-       o.may("contact_area_m2", described(positive(), "also the permissible pressure counts"));
-       return o;
-     },
+    {"optimise",
      []() -> Json {
        Object o;
        o.must("status", {{"type", "string"}, {"enum", {"feasible", "best-effort", "infeasible"}}}).must("reason", kText);
@@ -295,41 +181,18 @@ const Service kServices[] = {
                                                                    .must("S_N_per_m", kNumber)))));
        return o;
      }},
-    {"verify",
-     "The move in a co-simulation of the twin, with elastic joints and friction where the robot has data of its drives.",
-     [] {
-       Object o = request("verify");
-       move(o, true);
-       verification(o);
-       return o;
-     },
-     [] { return verified(); }},
+    {"verify", [] { return verified(); }},
 };
 
 }  // namespace
 
 }  // namespace schemas
 
-std::string schema(const std::string& name) {
+schemas::Json reply_schema(const std::string& name) {
   using namespace schemas;
-  for (const Service& s : kServices) {
-    if (name != s.name) continue;
-    Json ask = s.request(), reply = s.reply();
-    reply["properties"]["notes"] = described(array_of(kText), "what else the reader of the reply has to know");
-    ask["$schema"] = reply["$schema"] = kDialect;
-    return Json{{"title", s.name}, {"description", s.description}, {"request", ask}, {"reply", reply}}.dump();
-  }
-  throw Error("schema", "'" + name + "' is no service, expected one of those that service_names() lists");
-}
-
-std::string problem_schema() {
-  using namespace schemas;
-  Json all = Object()
-                 .must("title", kText)
-                 .must("detail", kText)
-                 .may("pointer", described(kText, "RFC 6901, of the member of the request"));
-  all["$schema"] = kDialect;
-  return all.dump();
+  Json reply = std::ranges::find(kReplies, name, [](const auto& each) { return each.first; })->second();
+  reply["properties"]["notes"] = described(array_of(kText), "what else the reader of the reply has to know");
+  return reply;
 }
 
 }  // namespace cotwin::services

@@ -1,12 +1,10 @@
 #pragma once
+#include <nlohmann/json.hpp>
 #include <string>
 
 namespace cotwin::services {
 
-/// The JSON Schemas (2020-12) of a service as {"title", "description", "request": {…}, "reply": {…}}, one line. Throws Error for an
-/// unknown service.
-std::string schema(const std::string& service);
-/// The schema of an answer that is a problem: {"title", "detail", "pointer"}.
-std::string problem_schema();
+/// The JSON Schema (2020-12) of the reply of a service, one of service_names().
+nlohmann::ordered_json reply_schema(const std::string& service);
 
 }  // namespace cotwin::services

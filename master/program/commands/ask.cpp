@@ -9,7 +9,7 @@
 #include <thread>
 #include <tuple>
 
-#include "components/services/json/schemas.h"
+#include "components/services/json/json.h"
 #include "components/services/json/tasks.h"
 #include "master/program/commands/commands.h"
 #include "master/services/motion_file.h"

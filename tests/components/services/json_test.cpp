@@ -10,7 +10,6 @@
 #include "components/services/contact_service.h"
 #include "components/services/energy_service.h"
 #include "components/services/json/json.h"
-#include "components/services/json/schemas.h"
 #include "models/robot/indices.h"
 #include "models/robot/urdf/urdf.h"
 #include "tests/support/files.h"
@@ -126,7 +125,6 @@ TEST(ServiceSchemas, FitEveryReplyAtEveryLevelOfDetailAndEveryRequest) {
     }
   }
   EXPECT_THROW(schema("dance"), Error);
-  EXPECT_EQ(misfit(json::parse(problem_schema()), json::parse(problem(RequestError("/a", "b")))), "");
 }
 
 TEST(ServiceSchemas, FitMovesThatAreNotPossibleAndEveryRule) {

@@ -15,6 +15,23 @@
 namespace cotwin::services::services_test {
 namespace {
 
+struct Feasibility {
+  bool feasible;
+  std::string reason;
+  double T, torque, work;
+  std::vector<optimisation::Peak> peaks;
+};
+
+Feasibility feasibility(const robot::RobotModel& robot, const Move& move) {
+  const Plan p = plan(robot, move);
+  return {p.solution.status == optimisation::Status::kFeasible,
+          p.solution.reason,
+          p.solution.T,
+          p.torque(),
+          p.work(),
+          p.solution.peaks};
+}
+
 robot::RobotModel lwr4() { return robot::load_urdf(places::source() + "/models/robots/lwr4/robot.urdf"); }
 
 Move move() {
@@ -112,18 +129,18 @@ TEST(Services, SplitsTorquesWhoseSumDoesTheWork) {
 }
 
 TEST(Services, AnswersRequestsInJsonAndRefusesOthers) {
-  const robot::RobotModel robot = lwr4();
+  Robots robots({places::source() + "/models/robots"}, "lwr4");
   const std::string ends = R"("from_q_rad": [0,0.5,0,-1,0,0.6,0], "to_q_rad": [1,0,0.4,0.7,-0.5,-0.3,0.8])";
-  const auto reply = nlohmann::json::parse(answer(robot, "{\"service\": \"feasibility\", \"T_s\": 3, " + ends + "}"));
+  const auto reply = nlohmann::json::parse(answer(robots, "{\"service\": \"feasibility\", \"T_s\": 3, " + ends + "}"));
   EXPECT_TRUE(reply["feasible"].get<bool>());
-  EXPECT_EQ(answer(robot, "{\"service\": \"feasibility\", " + ends + "}"),
-            answer(robot, "{\"service\": \"feasibility\", " + ends + "}"));
+  EXPECT_EQ(answer(robots, "{\"service\": \"feasibility\", " + ends + "}"),
+            answer(robots, "{\"service\": \"feasibility\", " + ends + "}"));
   const auto optimised = nlohmann::json::parse(answer(
-      robot, "{\"service\": \"optimise\", \"T_min_s\": 1.5, \"degree\": 7, \"particles\": 16, \"rounds\": 20, " + ends + "}"));
+      robots, "{\"service\": \"optimise\", \"T_min_s\": 1.5, \"degree\": 7, \"particles\": 16, \"rounds\": 20, " + ends + "}"));
   EXPECT_EQ(optimised["status"], "feasible") << optimised["reason"];
   const auto message = [&](const std::string& request) -> std::string {
     try {
-      answer(robot, request);
+      answer(robots, request);
     } catch (const Error& e) {
       return e.what();
     }

@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "components/services/json/schemas.h"
+#include "components/services/json/json.h"
 #include "components/services/json/tasks.h"
 #include "components/unit/unit_table.h"
 #include "master/services/motion_file.h"
