@@ -17,8 +17,6 @@ install(FILES ${own_unit}/own_unit/CMakeLists.txt ${own_unit}/springs.ssd DESTIN
 install(DIRECTORY ${own_unit}/spring DESTINATION share/cotwin/examples/own_unit COMPONENT cotwin)
 install(PROGRAMS scripts/fetch_logs.py DESTINATION share/cotwin/scripts COMPONENT cotwin)
 install(FILES scripts/completion.bash DESTINATION share/bash-completion/completions RENAME cotwin COMPONENT cotwin)
-install(FILES scripts/completion.zsh DESTINATION share/zsh/site-functions RENAME _cotwin COMPONENT cotwin)
-install(FILES scripts/completion.fish DESTINATION share/fish/vendor_completions.d RENAME cotwin.fish COMPONENT cotwin)
 install(DIRECTORY ${CMAKE_BINARY_DIR}/share/man/man1 DESTINATION share/man COMPONENT cotwin)   # written by `cotwin manual`
 install(FILES README.md CHANGELOG.md DESTINATION share/doc/cotwin COMPONENT cotwin)
 install(DIRECTORY docs DESTINATION share/doc/cotwin COMPONENT cotwin FILES_MATCHING PATTERN "*.md")

@@ -44,8 +44,7 @@ expect_file(${cotwin} ${prefix}/bin/cotwin-fmu-host ${prefix}/lib/libcotwin.so $
   ${prefix}/lib/cotwin/fmu/${platform}/drive_train.so ${prefix}/lib/cotwin/fmu/${platform}/licenses/license.txt
   ${prefix}/lib/cmake/cotwin/cotwinConfig.cmake ${prefix}/share/cotwin/models/robots/lwr4/robot.urdf
   ${prefix}/share/cotwin/models/scenes/table/scene.sdf ${prefix}/share/doc/cotwin/copyright
-  ${prefix}/share/bash-completion/completions/cotwin ${prefix}/share/zsh/site-functions/_cotwin
-  ${prefix}/share/fish/vendor_completions.d/cotwin.fish ${prefix}/share/man/man1/cotwin.1 ${prefix}/share/man/man1/cotwin-run.1)
+  ${prefix}/share/bash-completion/completions/cotwin ${prefix}/share/man/man1/cotwin.1 ${prefix}/share/man/man1/cotwin-run.1)
 
 # Which versions find_package(cotwin VERSION) accepts.
 function(expect_version wanted accepted)

@@ -35,58 +35,21 @@ _cotwin() {
 complete -o default -F _cotwin cotwin
 )";
 
-// zsh and fish show the descriptions. A candidate that ends with '=', '.' or '?' is completed without a blank.
-constexpr const char* kZsh = R"(# zsh completion of cotwin, after compinit: source <(cotwin completion zsh)
-_cotwin() {
-  local candidate name
-  local -a whole whole_texts open open_texts
-  local line="${(j: :)words[1,CURRENT-1]} ${(Q)PREFIX}"
-  for candidate in "${(@f)$("${words[1]}" completion described "$line" 2>/dev/null)}"; do
-    name=${candidate%%$'\t'*}
-    [[ -z $name ]] && continue
-    if [[ $name == *[=.?] ]]; then
-      open+=("$name") open_texts+=("${candidate/$'\t'/  }")
-    else
-      whole+=("$name") whole_texts+=("${candidate/$'\t'/  }")
-    fi
-  done
-  (( $#whole + $#open )) || { _files; return }
-  compadd -l -d whole_texts -a whole
-  compadd -l -d open_texts -S '' -a open
-}
-compdef _cotwin cotwin
-)";
-constexpr const char* kFish = R"(# fish completion of cotwin: cotwin completion fish | source
-function __cotwin_candidates
-  set -l words (commandline -cp)
-  set -l found (cotwin completion described "$words" 2>/dev/null)
-  if test (count $found) -gt 0
-    printf '%s\n' $found
-  else
-    __fish_complete_path (commandline -ct)
-  end
-end
-complete -c cotwin -f -a '(__cotwin_candidates)'
-)";
-
-struct Candidate {
-  std::string text, description = {};
-};
-using Candidates = std::vector<Candidate>;
+using Candidates = std::vector<std::string>;
 
 /// Adds "name=value" for each value of a setting with listed values, else "name=".
 void add_setting(Candidates& found, const std::string& name, const Setting& setting) {
   switch (setting.kind) {
     case Setting::Kind::kChoice:
-      for (const std::string& choice : setting.choices) found.push_back({name + "=" + choice, setting.description});
+      for (const std::string& choice : setting.choices) found.push_back(name + "=" + choice);
       return;
     case Setting::Kind::kBoolean:
-      found.push_back({name + "=true", setting.description});
-      found.push_back({name + "=false", setting.description});
+      found.push_back(name + "=true");
+      found.push_back(name + "=false");
       return;
     case Setting::Kind::kInteger:
     case Setting::Kind::kText:
-      found.push_back({name + "=", setting.description});
+      found.push_back(name + "=");
       return;
   }
 }
@@ -108,15 +71,14 @@ Candidates assignments(const fs::path& file) {
     try {
       const Member member = load_member(spec, scenario, units(), folders, fmus);
       for (const Variable& v : member.variables()) {
-        if (v.role != Role::kOutput || v.has_start) found.push_back({spec.name + "." + v.name + "=", v.description});
+        if (v.role != Role::kOutput || v.has_start) found.push_back(spec.name + "." + v.name + "=");
       }
     } catch (const Error&) {
       continue;
     }
   }
-  std::ranges::stable_sort(found, {}, &Candidate::text);
-  const auto same = [](const Candidate& a, const Candidate& b) { return a.text == b.text; };
-  found.erase(std::unique(found.begin(), found.end(), same), found.end());
+  std::ranges::sort(found);
+  found.erase(std::unique(found.begin(), found.end()), found.end());
   return found;
 }
 
@@ -128,7 +90,7 @@ Candidates sources(const std::string& word) {
     for (const std::string prefix : {"", "unit:"}) {
       const std::string source = prefix + type.name;
       if (question == std::string::npos) {
-        found.push_back({source, type.summary});
+        found.push_back(source);
       } else if (word.substr(0, question) == source) {
         const std::string given =
             word.substr(0, std::max(question, word.find('&') == std::string::npos ? 0 : word.rfind('&')) + 1);
@@ -145,7 +107,7 @@ Candidates robots() {
   for (const fs::path& folder : model_folders({})) {
     std::error_code none;
     for (const fs::directory_entry& entry : fs::directory_iterator(folder / "robots", none)) {
-      if (fs::is_regular_file(entry.path() / "robot.urdf", none)) found.push_back({entry.path().filename().string()});
+      if (fs::is_regular_file(entry.path() / "robot.urdf", none)) found.push_back(entry.path().filename().string());
     }
   }
   return found;
@@ -160,7 +122,7 @@ Candidates signals_of(const fs::path& results) {
     const csv::Reader recording(file);
     for (const std::string& name : recording.names()) {
       const std::string variable = name.substr(0, name.rfind('['));
-      if (found.empty() || found.back().text != variable) found.push_back({variable});
+      if (found.empty() || found.back() != variable) found.push_back(variable);
     }
     break;
   }
@@ -174,7 +136,7 @@ Candidates values_of(const CLI::Option& option) {
   const std::size_t open = type.find('{'), close = type.find('}');
   if (open == std::string::npos || close == std::string::npos) return found;
   for (const std::string_view word : text::split(std::string_view(type).substr(open + 1, close - open - 1), ','))
-    found.push_back({std::string(word)});
+    found.emplace_back(word);
   return found;
 }
 
@@ -193,7 +155,7 @@ Candidates candidates(const CLI::App& app, const std::string& line) {
   Candidates found;
   const auto all = [](const CLI::App* a) { return a->get_subcommands([](const CLI::App*) { return true; }); };
   const auto names_of = [&](const CLI::App* a) {
-    for (const CLI::App* command : all(a)) found.push_back({command->get_name(), command->get_description()});
+    for (const CLI::App* command : all(a)) found.push_back(command->get_name());
     return found;
   };
   const auto find = [&](const CLI::App* a, const std::string& name) {
@@ -220,7 +182,7 @@ Candidates candidates(const CLI::App& app, const std::string& line) {
   }
   if (word.starts_with('-')) {
     for (const CLI::Option* option : command->get_options()) {
-      for (const std::string& name : option->get_lnames()) found.push_back({"--" + name, option->get_description()});
+      for (const std::string& name : option->get_lnames()) found.push_back("--" + name);
     }
   } else if (words[1] == "describe" || (words[1] == "pack" && word.starts_with("unit:"))) {
     return sources(word);
@@ -235,15 +197,6 @@ Candidates candidates(const CLI::App& app, const std::string& line) {
   return found;
 }
 
-/// On one line and without the end that a list has no room for.
-std::string brief(std::string description) {
-  constexpr std::size_t kMost = 90;
-  std::ranges::replace_if(
-      description, [](char c) { return static_cast<unsigned char>(c) < 0x20; }, ' ');
-  if (description.size() <= kMost) return description;
-  return description.substr(0, description.rfind(' ', kMost)) + " …";
-}
-
 }  // namespace
 
 void add_completion(CLI::App& app, Chosen& chosen) {
@@ -252,27 +205,16 @@ void add_completion(CLI::App& app, Chosen& chosen) {
   };
   const auto all = std::make_shared<Arguments>();
   CLI::App* command = app.add_subcommand("completion", "Write a shell script for the completion of command lines");
-  command
-      ->add_option(
-          "SHELL", all->what,
-          "bash, zsh or fish; or 'candidates': list the completions of LINE, 'described': with a tab and a description")
+  command->add_option("SHELL", all->what, "bash; or 'candidates': list the completions of LINE")
       ->required()
-      ->check(CLI::IsMember({"bash", "zsh", "fish", "candidates", "described"}));
-  command->add_option("LINE", all->line, "Command line up to the cursor, for 'candidates' and 'described'");
+      ->check(CLI::IsMember({"bash", "candidates"}));
+  command->add_option("LINE", all->line, "Command line up to the cursor, for 'candidates'");
   command->callback([all, &app, &chosen] {
     chosen = [all, &app] {
       if (all->what == "bash") {
         std::cout << kBash;
-      } else if (all->what == "zsh") {
-        std::cout << kZsh;
-      } else if (all->what == "fish") {
-        std::cout << kFish;
       } else {
-        for (const Candidate& candidate : candidates(app, all->line)) {
-          std::cout << candidate.text;
-          if (all->what == "described" && !candidate.description.empty()) std::cout << '\t' << brief(candidate.description);
-          std::cout << '\n';
-        }
+        for (const std::string& candidate : candidates(app, all->line)) std::cout << candidate << '\n';
       }
       return kExitDone;
     };
