@@ -260,7 +260,7 @@ void Compliance::impede(double h) {
   tracking_.dtheta_c = dq_c_;
   take_gravity();
   for (std::size_t i = 0; i < n_; ++i) {
-    robot::LinkSide side = link_sides_[i];
+    robot::LinkSideParameters side = link_sides_[i];
     side.spring = {};  // part of the static torque
     tau_fl_[i] = side.at(q_c_[i], dq_c_[i], gravity_[i]).torque;
     tau_m_[i] += h > 0 ? (tau_fl_before_[i] + tau_fl_[i]) / 2 : tau_fl_[i];

@@ -151,8 +151,8 @@ class Compliance final : public Unit {
   bool saturated_ = false;
   std::string warning_;
   std::vector<std::int32_t> limit_;
-  std::unique_ptr<TorqueTerms> terms_;       // terms=true
-  std::vector<robot::LinkSide> link_sides_;  // of drive_in_force_
+  std::unique_ptr<TorqueTerms> terms_;                 // terms=true
+  std::vector<robot::LinkSideParameters> link_sides_;  // of drive_in_force_
   // Handed from one phase of a step to the next.
   bool settled_ = false;         // gains and drive in force are those wanted: they need not follow
   bool checked_ = false;         // those in force are in their ranges

@@ -27,7 +27,7 @@ Eigen::Map<Eigen::Vector3d> vector3(Values& v) { return Eigen::Map<Eigen::Vector
 ContactWorld::ContactWorld(Settings& settings)
     : place_(settings.unit()),
       cell_(settings.cell()),
-      link_(settings.choice("link") == "inside" ? Link::kInside : Link::kOutside),
+      link_(settings.choice("link_side") == "inside" ? LinkSide::kInside : LinkSide::kOutside),
       actuation_(settings.choice("actuation") == "torque" ? Actuation::kTorque : Actuation::kPrescribed),
       floating_(settings.choice("base") == "floating") {
   const std::string method = settings.choice("method");
@@ -40,8 +40,9 @@ ContactWorld::ContactWorld(Settings& settings)
   if (floating_ && actuation_ == Actuation::kPrescribed) {
     throw Error(place_, "base=floating with actuation=prescribed: no base is recorded, expected actuation=torque");
   }
-  if (actuation_ == Actuation::kPrescribed && link_ == Link::kOutside) {
-    throw Error(place_, "actuation=prescribed with link=outside: no torque would drive the links, expected link=inside");
+  if (actuation_ == Actuation::kPrescribed && link_ == LinkSide::kOutside) {
+    throw Error(place_,
+                "actuation=prescribed with link_side=outside: no torque would drive the links, expected link_side=inside");
   }
   gravity_ = {cell_.scene.gravity.x(), cell_.scene.gravity.y(), cell_.scene.gravity.z()};
   for (const scene::PlacedRobot& placed : cell_.robots) {
@@ -62,7 +63,7 @@ ContactWorld::ContactWorld(Settings& settings)
     if (actuation_ == Actuation::kPrescribed)
       throw Error(place_,
                   "maximal=" + name + " with actuation=prescribed: no torque would drive it, expected actuation=torque");
-    (*robot)->link = Link::kOutside;
+    (*robot)->link = LinkSide::kOutside;
   }
   for (std::size_t i = 0; i < cell_.scene.bodies.size(); ++i) {
     const scene::Body& body = cell_.scene.bodies[i];
@@ -108,7 +109,7 @@ void ContactWorld::build() {
   }
   for (const auto& robot : robots_) {
     Robot& r = *robot;
-    const bool outside = r.link == Link::kOutside;
+    const bool outside = r.link == LinkSide::kOutside;
     r.X_WB = floating_ && !outside ? pose_of_input(place_, r.prefix, "base_quat", r.base_p, r.base_quat)
                                    : pose_of(place_ + "." + r.prefix + "base_quat0", r.base_p0, r.base_quat0);
     const Values& q = outside ? r.q0 : r.q;
@@ -180,7 +181,7 @@ void ContactWorld::check_parameters() const {
     check(r->prefix, "base_p0", r->base_p0);
     check(r->prefix, "q0", r->q0);
     check(r->prefix, "dq0", r->dq0);
-    if (r->link == Link::kOutside)
+    if (r->link == LinkSide::kOutside)
       robot::check_start(place_ + (r->prefix.empty() ? "" : "." + r->placed->name), r->placed->model, r->q0);
     check(r->prefix, "K", r->K);
     check(r->prefix, "D", r->D);
@@ -304,7 +305,7 @@ StepResult ContactWorld::step(Time now, Duration duration) {
   }
   for (const auto& robot : robots_) {
     set_bodies(*robot);
-    if (robot->link == Link::kInside) {
+    if (robot->link == LinkSide::kInside) {
       set_links(*robot, h);
     } else {
       drive(*robot, h);
@@ -332,11 +333,11 @@ StepResult ContactWorld::step(Time now, Duration duration) {
 void ContactWorld::write_robot(Robot& r, double h) {
   for (std::size_t i = 0; i < r.n; ++i) {
     const double dq = world_->dq()[r.parts.joints[i]];
-    const double dq_start = r.link == Link::kInside ? r.dq[i] : r.dq_link[i];
+    const double dq_start = r.link == LinkSide::kInside ? r.dq[i] : r.dq_link[i];
     r.ddq[i] = h > 0 ? (dq - dq_start) / h : 0;
     r.q_link[i] = world_->q()[r.parts.joints[i]];
     r.dq_link[i] = dq;
-    if (r.link == Link::kOutside) {
+    if (r.link == LinkSide::kOutside) {
       r.q[i] = r.q_link[i];
       r.dq[i] = dq;
     }
@@ -344,7 +345,7 @@ void ContactWorld::write_robot(Robot& r, double h) {
   for (std::size_t i = 0; i < r.X_WL.size(); ++i) r.X_WL[i] = world_->poses()[r.parts.bodies[i]];
   for (std::size_t i = 0; i < r.n; ++i) r.tau_e[i] = r.mean_other(i, h);
   for (Values* f : {&r.f_c, &r.base_f_c, &r.base_m_c, &r.base_f, &r.base_m}) vector3(*f).setZero();
-  if (!floating_ || r.link == Link::kInside) return;
+  if (!floating_ || r.link == LinkSide::kInside) return;
   const Pose& X_WB = world_->poses()[r.parts.base];
   const Twist& V_WB = world_->twists()[r.parts.base];
   vector3(r.base_p) = X_WB.p;

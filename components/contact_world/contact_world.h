@@ -15,18 +15,18 @@ namespace cotwin::contact_world {
 ///   M ν̇ = f + f_c                                                                     (1)
 /// with joints, limits and contacts as constraints f_c (world.h). The setting `link` has the same values as the drive train's,
 /// so that one shared setting configures both:
-///   link=inside    the drive train integrates (2a) and outputs q, q̇. Each step sets the links to q, q̇, predicts their motion
+///   link_side=inside    the drive train integrates (2a) and outputs q, q̇. Each step sets the links to q, q̇, predicts their motion
 ///                  by (1) and outputs the mean τ_e = Jᵀ F, which the drive train uses in the same step
-///   link=outside   this unit integrates the links by (1) and outputs q, q̇
-/// The setting `maximal` names robots for which the latter holds although link=inside. With base=floating and link=inside the
+///   link_side=outside   this unit integrates the links by (1) and outputs q, q̇
+/// The setting `maximal` names robots for which the latter holds although link_side=inside. With base=floating and link_side=inside the
 /// base's pose and twist are inputs, too, and the wrench of all contacts on the robot is an output for the drive train.
 /// The setting `actuation` chooses what drives the links between two exchanges:
 ///   actuation=torque       τ_J
-///   actuation=prescribed   with link=inside: q, q̇ are prescribed, for example by a recording, and no torque is known. The
+///   actuation=prescribed   with link_side=inside: q, q̇ are prescribed, for example by a recording, and no torque is known. The
 ///                          torque that explains the last step by (2a), without the contacts, is applied again. There are no
 ///                          variables tau_J, dtheta, K, D and B
 /// With torques, the gear's change within the step, τ_J + K (θ̇ s − Δq), is integrated implicitly, so that light links on stiff
-/// gears are stable at 1 ms. `q` and `dq` are inputs with link=inside and outputs with link=outside, the opposite of the drive
+/// gears are stable at 1 ms. `q` and `dq` are inputs with link_side=inside and outputs with link_side=outside, the opposite of the drive
 /// train, so both cases have the same connections.
 ///
 /// A step with more points than `contacts` allocates once and counts this in `grown`.
@@ -48,7 +48,7 @@ class ContactWorld final : public Unit {
  private:
   struct Robot;
   struct Body;
-  enum class Link { kInside, kOutside };
+  enum class LinkSide { kInside, kOutside };
   enum class Actuation { kTorque, kPrescribed };
 
   void check_names() const;
@@ -71,7 +71,7 @@ class ContactWorld final : public Unit {
 
   std::string place_;  // name of the unit, for messages
   scene::Cell cell_;
-  Link link_;
+  LinkSide link_;
   Actuation actuation_;
   bool floating_;
   Options options_;

@@ -51,7 +51,7 @@ struct ContactWorld::Robot {
   double mean_other(std::size_t i, double h) const { return tau_other[i] + h / 2 * tau_other_rate[i]; }
 
   const scene::PlacedRobot* placed;
-  Link link = Link::kInside;
+  LinkSide link = LinkSide::kInside;
   std::string prefix;
   std::size_t n;
   Assembled parts;  // its bodies and joints in the world

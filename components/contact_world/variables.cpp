@@ -8,16 +8,16 @@ namespace cotwin::contact_world {
 
 void ContactWorld::declare_settings(SettingList& s) {
   s.cell();
-  s.choice("link", {"inside", "outside"},
+  s.choice("link_side", {"inside", "outside"},
            "which unit integrates the links of the robots: the drive train (q is an input) or this unit (q is an output)");
   s.choice("actuation", {"torque", "prescribed"},
-           "with link=inside: tau_J drives the links, or q and dq prescribe their motion");
+           "with link_side=inside: tau_J drives the links, or q and dq prescribe their motion");
   s.choice("base", {"fixed", "floating"}, "the bases of the robots are fixed or move freely");
   s.choice("method", {"tree", "pgs", "dantzig"},
            "solver of (1): joint trees exactly and contacts by sweeps, projected Gauss-Seidel, or Dantzig's pivoting");
   s.integer("contacts", 256, 1, 1000000, "number of contact points that a step takes without allocating memory");
   s.integer("points", 8, 0, 1000, "number of contact points that are outputs");
-  s.text("maximal", "", "with link=inside: names of robots, separated by commas, that this unit integrates all the same");
+  s.text("maximal", "", "with link_side=inside: names of robots, separated by commas, that this unit integrates all the same");
   s.integer("dents", 64, 1, 100000,
             "number of places where a surface that yields remembers its dents, then the oldest is forgotten");
 }
@@ -26,7 +26,7 @@ void ContactWorld::declare_robot(Variables& v, Robot& r) {
   const std::string& x = r.prefix;
   const JointMeasures measures(&r.placed->model);
   JointVariables joints(v, measures);
-  const bool outside = r.link == Link::kOutside;
+  const bool outside = r.link == LinkSide::kOutside;
   const std::string of = r.placed->name.empty() ? "of the robot" : "of robot " + r.placed->name;
   if (outside) {
     joints.output(x + "q", r.q, "rad",
@@ -54,9 +54,9 @@ void ContactWorld::declare_robot(Variables& v, Robot& r) {
   v.output(x + "f_c", r.f_c, "N", "sum of the contact forces on the links, in W, mean over the step").discrete();
   v.parameter(x + "base_p0", r.base_p0, "m", "position of the base in W at the start");
   v.parameter(x + "base_quat0", r.base_quat0, "1", "orientation of the base in W at the start, unit quaternion (w, x, y, z)");
-  auto q0 = joints.parameter(x + "q0", r.q0, "rad", "joint position at the start; link=outside");
+  auto q0 = joints.parameter(x + "q0", r.q0, "rad", "joint position at the start; link_side=outside");
   if (outside) q0.essential();
-  joints.parameter(x + "dq0", r.dq0, "rad/s", "joint speed at the start; link=outside");
+  joints.parameter(x + "dq0", r.dq0, "rad/s", "joint speed at the start; link_side=outside");
   if (torque) {
     joints
         .parameter(x + "K", r.K, "N.m/rad",
@@ -71,7 +71,7 @@ void ContactWorld::declare_robot(Variables& v, Robot& r) {
                    "motor inertia behind the gear if the drive train's transmission is rigid; 0: elastic transmission")
         .range(0, 1e9);
   }
-  joints.state(x + "dq_before", r.dq_before, "rad/s", "link=inside: dq at the start of the last step");
+  joints.state(x + "dq_before", r.dq_before, "rad/s", "link_side=inside: dq at the start of the last step");
   v.output(x + "base_f_c", r.base_f_c, "N", "sum of the contact forces on the base, in W, mean over the step").discrete();
   v.output(x + "base_m_c", r.base_m_c, "N.m", "their moment about the base's origin, in W").discrete();
   if (!floating_) return;

@@ -44,28 +44,31 @@ std::ptrdiff_t for_each_tunable(std::size_t joints, const Visit& visit) {
 }  // namespace
 
 void DriveTrain::declare_settings(SettingList& s) {
-  s.robot("a name in models/robots, or a path to a URDF file; with link=outside it may be left out", true);
-  s.integer("joints", 1, 1, 1000, "number of joints where there is no robot, with link=outside");
-  s.choice("link", {"inside", "outside"}, "where the link side (2a) is integrated: in this unit, or in another that gives q");
+  s.robot("a name in models/robots, or a path to a URDF file; with link_side=outside it may be left out", true);
+  s.integer("joints", 1, 1, 1000, "number of joints where there is no robot, with link_side=outside");
+  s.choice("link_side", {"inside", "outside"},
+           "where the link side (2a) is integrated: in this unit, or in another that gives q");
   s.choice("base", {"fixed", "floating"},
-           "with link=inside: the base is fixed or moves freely, for example a satellite's; with link=outside the other unit "
+           "with link_side=inside: the base is fixed or moves freely, for example a satellite's; with link_side=outside the "
+           "other unit "
            "moves it");
   s.choice("transmission", {"flexible", "rigid"}, "joints with the stiffness K of (2c), or rigid ones: theta = q");
   s.choice("friction", {"lugre", "elasto_plastic", "coulomb", "smooth"},
            "friction of the motors: LuGre, an elasto-plastic bristle, Coulomb friction that sticks exactly, or one without "
            "sticking, smooth in the speed");
-  s.choice("method", {"auto", "exponential", "rosenbrock", "cvode", "arkode"},
+  s.choice("method", {"auto", "exponential", "rosenbrock", "cvode"},
            "solver of the differential equations: auto takes the exponential method, and where damping is too fast for it the "
-           "Rosenbrock method; cvode and arkode are SUNDIALS");
-  s.boolean("terms", false,
-            "with link=inside: the terms of (2a) as outputs (inertia, Coriolis, gravity, link); the unit then has no partial "
-            "derivatives");
+           "Rosenbrock method; cvode is SUNDIALS' CVODE, for reference solutions");
+  s.boolean(
+      "terms", false,
+      "with link_side=inside: the terms of (2a) as outputs (inertia, Coriolis, gravity, link); the unit then has no partial "
+      "derivatives");
 }
 
 // The values of the settings.
 struct DriveTrain::Kind {
   explicit Kind(Settings& s) {
-    link = s.choice("link") == "inside" ? Link::kInside : Link::kOutside;
+    link = s.choice("link_side") == "inside" ? LinkSide::kInside : LinkSide::kOutside;
     transmission = s.choice("transmission") == "flexible" ? Transmission::kFlexible : Transmission::kRigid;
     const std::string f = s.choice("friction");
     friction = f == "lugre"     ? Friction::kLugre
@@ -73,27 +76,27 @@ struct DriveTrain::Kind {
                : f == "smooth"  ? Friction::kSmooth
                                 : Friction::kElastoPlastic;
     base = s.choice("base") == "fixed" ? Base::kFixed : Base::kFloating;
-    if (link == Link::kOutside) base = Base::kFixed;  // the unit of the links moves it
+    if (link == LinkSide::kOutside) base = Base::kFixed;  // the unit of the links moves it
     const std::string m = s.choice("method");
     if (base == Base::kFloating && m != "auto" && m != "rosenbrock")
       throw Error(s.unit(), "base=floating with method=" + m + ": the base has no history or closed form, expected rosenbrock");
-    if (m == "cvode") sundials = SundialsSolver::Method::kCvode;
-    if (m == "arkode") sundials = SundialsSolver::Method::kArkode;
+    cvode = m == "cvode";
     method = m == "rosenbrock" || base == Base::kFloating ? Integrator::Method::kRosenbrock
              : m == "exponential"                         ? Integrator::Method::kExponential
                                                           : Integrator::Method::kAuto;
     terms = s.boolean("terms");
-    if (terms && link == Link::kOutside)
-      throw Error(s.unit(), "terms=true with link=outside: the unit of the links has their torques, expected link=inside");
-    if (transmission == Transmission::kRigid && link == Link::kOutside) {
-      throw Error(s.unit(), "transmission=rigid with link=outside leaves nothing to move, expected one of them");
+    if (terms && link == LinkSide::kOutside)
+      throw Error(s.unit(),
+                  "terms=true with link_side=outside: the unit of the links has their torques, expected link_side=inside");
+    if (transmission == Transmission::kRigid && link == LinkSide::kOutside) {
+      throw Error(s.unit(), "transmission=rigid with link_side=outside leaves nothing to move, expected one of them");
     }
     if (transmission == Transmission::kRigid && friction == Friction::kCoulomb) {
       throw Error(s.unit(),
                   "friction=coulomb sticks exactly only in front of an elastic gear, expected friction=lugre or elasto_plastic "
                   "with transmission=rigid");
     }
-    if (link == Link::kInside || !s.text("robot").empty()) {
+    if (link == LinkSide::kInside || !s.text("robot").empty()) {
       robot = s.robot();
       joints = static_cast<std::size_t>(robot->n());
       if (joints == 0) throw Error(s.unit(), "robot '" + robot->name + "' has no movable joint, expected at least one");
@@ -104,11 +107,11 @@ struct DriveTrain::Kind {
       joints = static_cast<std::size_t>(s.integer("joints"));
     }
   }
-  Link link;
+  LinkSide link;
   Base base;
   Transmission transmission;
   Friction friction;
-  std::optional<SundialsSolver::Method> sundials;
+  bool cvode;
   Integrator::Method method;
   bool terms;
   std::optional<robot::RobotModel> robot;
@@ -137,8 +140,8 @@ DriveTrain::DriveTrain(Settings& settings, const Kind& kind)
   }
   with_terms_ = kind.terms;
   if (with_terms_) terms_ = TorqueTerms(n_);
-  if (kind.sundials) {
-    sundials_ = std::make_unique<SundialsSolver>(equations_, *kind.sundials);
+  if (kind.cvode) {
+    cvode_ = std::make_unique<CvodeSolver>(equations_);
     rtol_ = 1e-6;
     atol_ = 1e-9;
     atol_speed_ = 1e-7;
@@ -297,12 +300,12 @@ void DriveTrain::initialise(Time start) {
   }
   settle_modes(equations_, q, true);
   equations_.evaluate(q, p);
-  if (uses_sundials()) {
-    sundials_->configure({.relative = rtol_, .angle = atol_, .speed = atol_speed_});
-    std::fill(sundials_->log().x.begin(), sundials_->log().x.end(), 0.0);
-    std::fill(sundials_->log().steps.begin(), sundials_->log().steps.end(), 0.0);
-    sundials_->log().modes.clear();
-    sundials_->log().count = 0;
+  if (uses_cvode()) {
+    cvode_->configure({.relative = rtol_, .angle = atol_, .speed = atol_speed_});
+    std::fill(cvode_->log().x.begin(), cvode_->log().x.end(), 0.0);
+    std::fill(cvode_->log().steps.begin(), cvode_->log().steps.end(), 0.0);
+    cvode_->log().modes.clear();
+    cvode_->log().count = 0;
   }
   write_outputs(0, p);
 }
@@ -340,14 +343,14 @@ StepResult DriveTrain::step(Time now, Duration duration) {
   const double h = duration.seconds();
   take_course(h);
   const double tool_changes_before = tool_changes_seen_, energy_bodies_before = energy_bodies_;
-  const bool follows = !uses_sundials(), with_bodies = equations_.inside();
+  const bool follows = !uses_cvode(), with_bodies = equations_.inside();
   if (with_bodies) bodies_before_step_ = equations_.bodies().in_force;
   const double remaining = transition_ > 0 ? std::exp(-h / transition_) : 0.0;
   drives_before_step_ = drives_;
   const bool drives_change = follows && follow_drives(remaining);
   const bool bodies_change = with_bodies && follow_bodies(remaining);
   if (drives_change || bodies_change) integrator_.forget();
-  if (bodies_change && uses_sundials()) sundials_->log().count = 0;  // restarts with these bodies
+  if (bodies_change && uses_cvode()) cvode_->log().count = 0;  // restarts with these bodies
   if (equations_.floating()) {
     equations_.begin_base(x_.data());
     integrator_.forget();
@@ -356,8 +359,8 @@ StepResult DriveTrain::step(Time now, Duration duration) {
   modes_before_step_ = equations_.modes();
   const double proposal_before = proposal_;
   StepAccount account;
-  const bool done = uses_sundials()
-                        ? sundials_->step(h, x_.data(), account)
+  const bool done = uses_cvode()
+                        ? cvode_->step(h, x_.data(), account)
                         : integrator_.step(h, x_.data(), proposal_, {.relative = rtol_, .angle = atol_, .speed = atol_speed_},
                                            max_substeps_, account);
   if (!done) {
@@ -395,7 +398,7 @@ StepResult DriveTrain::step(Time now, Duration duration) {
   if (equations_.inside()) limits_.look(x_.data(), wanted_, (now + duration).seconds());
   if (forced_steps_ != warned_steps_ || limits_.count() != warned_limits_) write_warning();
   events_ = account.events;
-  write_outputs(h, uses_sundials() ? sundials_->end() : integrator_.end());
+  write_outputs(h, uses_cvode() ? cvode_->end() : integrator_.end());
   for (std::size_t i = 0; i < n_; ++i) {
     tau_m_before_[i] = tau_m_[i];
     tau_e_before_[i] = tau_e_[i];
@@ -473,9 +476,9 @@ void DriveTrain::restored() {
   if (equations_.inside()) equations_.restored_bodies();
   integrator_.forget();
   warned_steps_ = -1;  // the text is written again
-  if (!uses_sundials()) return;
-  sundials_->configure({.relative = rtol_, .angle = atol_, .speed = atol_speed_});
-  sundials_->replay();
+  if (!uses_cvode()) return;
+  cvode_->configure({.relative = rtol_, .angle = atol_, .speed = atol_speed_});
+  cvode_->replay();
 }
 
 }  // namespace cotwin::drive_train

@@ -5,11 +5,11 @@
 #include <string>
 #include <vector>
 
+#include "components/drive_train/cvode_solver.h"
 #include "components/drive_train/equations.h"
 #include "components/drive_train/integrator.h"
 #include "components/drive_train/limit_watch.h"
 #include "components/drive_train/partials.h"
-#include "components/drive_train/sundials_solver.h"
 #include "components/unit/joint_variables.h"
 #include "components/unit/settings.h"
 #include "components/unit/unit.h"
@@ -18,16 +18,16 @@ namespace cotwin::drive_train {
 
 /// The flexible-joint drive train and, with the link side inside, the whole robot, for n joints, with all quantities seen
 /// behind the gear:
-///   M(q) q̈ + C(q, q̇) q̇ + g(q) + τ_l(q, q̇) + τ_s(q, q̇) = τ_J + τ_e   (2a)   link=inside; outside, q and q̇ are inputs
+///   M(q) q̈ + C(q, q̇) q̇ + g(q) + τ_l(q, q̇) + τ_s(q, q̇) = τ_J + τ_e   (2a)   link_side=inside; outside, q and q̇ are inputs
 ///   B θ̈ + τ_J = τ_m − τ_f                                             (2b)
 ///   τ_J = K d(θ − q) + D (θ̇ − q̇)                                      (2c)
 /// Beyond the paper: D, joint damping; d, the gear's backlash (d(φ) = φ without); τ_l, friction and springs behind the torque
-/// sensor (robot::LinkSide); τ_s, hard stops. τ_f is LuGre friction, an elasto-plastic bristle, Coulomb friction with exact
+/// sensor (robot::LinkSideParameters); τ_s, hard stops. τ_f is LuGre friction, an elasto-plastic bristle, Coulomb friction with exact
 /// sticking, or the static curve that `cotwin tune` identifies (smooth: no presliding, no sticking); see
 /// models/robot/drives/friction.h. transmission=rigid sets θ = q and adds (2b) to (2a); τ_J then follows from (2b). Motor currents and
 /// temperature are not modelled.
 ///
-/// The bodies and the tunables of robot::kDriveParameters may be changed while the robot moves (with SUNDIALS they are fixed). The values
+/// The bodies and the tunables of robot::kDriveParameters may be changed while the robot moves (with CVODE they are fixed). The values
 /// in force follow smoothly.
 class DriveTrain final : public Unit {
  public:
@@ -38,7 +38,7 @@ class DriveTrain final : public Unit {
   void declare(Variables& variables) override;
   void initialise(Time start) override;
   /// Throws Error if an input is not finite. Discards the step and restores the variables if the state is not finite at its end
-  /// or SUNDIALS fails.
+  /// or CVODE fails.
   StepResult step(Time now, Duration h) override;
   void restored() override;
   std::span<const Partial> partials() const override;
@@ -61,7 +61,7 @@ class DriveTrain final : public Unit {
   void take_course(double h);
   void write_outputs(double h, const Point& end);
   void write_warning();
-  bool uses_sundials() const { return sundials_ != nullptr; }
+  bool uses_cvode() const { return cvode_ != nullptr; }
 
   std::string place_;                 // for messages
   std::vector<std::size_t> passive_;  // joints without a motor
@@ -70,7 +70,7 @@ class DriveTrain final : public Unit {
   Equations equations_;
   Integrator integrator_;
   Partials partials_;
-  std::unique_ptr<SundialsSolver> sundials_;
+  std::unique_ptr<CvodeSolver> cvode_;
 
   Parameters wanted_;                                // as declared; equations_ has the parameters in force
   std::vector<double> drives_, drives_before_step_;  // the tunables in force, one after the other

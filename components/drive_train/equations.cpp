@@ -74,7 +74,7 @@ void Equations::begin_base(const double* x) {
 
 void Equations::end_base(double h, const double* x0, const double* x1) { floating_->end_step(h, x0, x0 + n_, x1, x1 + n_); }
 
-Equations::Equations(const robot::RobotModel* robot, std::size_t n, Link link, Transmission transmission, Friction friction,
+Equations::Equations(const robot::RobotModel* robot, std::size_t n, LinkSide link, Transmission transmission, Friction friction,
                      Base base)
     : n_(n),
       link_(link),

@@ -18,7 +18,7 @@ namespace cotwin::drive_train {
 class FloatingLinks;
 
 /// Where the links are moved: (2a) in this unit, or in another unit that gives q and q̇.
-enum class Link : std::uint8_t { kInside, kOutside };
+enum class LinkSide : std::uint8_t { kInside, kOutside };
 /// kRigid: θ = q, (2a) and (2b) summed.
 enum class Transmission : std::uint8_t { kFlexible, kRigid };
 /// kFloating: the base moves freely, and M* and b* (models/robot/floating_base.h) replace M and C q̇ + g; link inside.
@@ -96,14 +96,14 @@ struct Energies {
 class Equations {
  public:
   /// `robot` may be null where the link is outside; n counts the joints.
-  Equations(const robot::RobotModel* robot, std::size_t n, Link link, Transmission transmission, Friction friction,
+  Equations(const robot::RobotModel* robot, std::size_t n, LinkSide link, Transmission transmission, Friction friction,
             Base base = Base::kFixed);
   ~Equations();
 
   std::size_t n() const { return n_; }
   /// Length of a state x = (q | q̇ | θ | θ̇ | z), 5 n for every variant. Rows that a variant does not have stay constant.
   std::size_t size() const { return 5 * n_; }
-  bool inside() const { return link_ == Link::kInside; }
+  bool inside() const { return link_ == LinkSide::kInside; }
   bool flexible() const { return transmission_ == Transmission::kFlexible; }
   Friction friction() const { return friction_; }
   bool has_bristles() const { return friction_ == Friction::kLugre || friction_ == Friction::kElastoPlastic; }
@@ -195,12 +195,12 @@ class Equations {
   /// motion.
   double dissipation(const double* x, const Point& p) const;
   /// Work that the constant part of friction takes up between two states (q | q̇ | θ | …), J: τ_0 of the motors and, with the
-  /// link inside, LinkSide::constant(). It is given back on the way back, hence not a loss.
+  /// link inside, LinkSideParameters::constant(). It is given back on the way back, hence not a loss.
   double work_of_constant_friction(const double* from, const double* to) const;
   Energies energies(const double* x, const Point& p);
   /// ∂(friction that grows with the load)/∂q of all links at x (n x n, by columns); `scratch`: n x n. Link inside.
   void load_derivatives(const double* x, const Point& p, double* by_q, double* scratch);
-  const robot::LinkSide& link_side(std::size_t i) const { return link_side_[i]; }
+  const robot::LinkSideParameters& link_side(std::size_t i) const { return link_side_[i]; }
   /// k δ of joint i's stop, N.m; 0 outside of it.
   double stop_spring(std::size_t i, double q) const;
 
@@ -209,7 +209,7 @@ class Equations {
   double stop_depth(std::size_t i, double q) const;
 
   std::size_t n_;
-  Link link_;
+  LinkSide link_;
   Transmission transmission_;
   Friction friction_;
   Parameters parameters_;
@@ -221,7 +221,7 @@ class Equations {
   std::vector<robot::Torsion> torsion_;
   std::vector<robot::Bristle> bristle_;
   std::vector<robot::CoulombViscous> motor_friction_;
-  std::vector<robot::LinkSide> link_side_;
+  std::vector<robot::LinkSideParameters> link_side_;
   std::vector<double> stop_damping_, z_most_;
 
   struct Dynamics;  // Mechanism and Data

@@ -11,9 +11,9 @@ namespace cotwin::drive_train {
 
 void DriveTrain::declare_parameters(Variables& v) {
   JointVariables joints(v, measures_);
-  // SUNDIALS' history is replayed after a restored snapshot with the present parameters: they must not have changed since the
+  // CVODE's history is replayed after a restored snapshot with the present parameters: they must not have changed since the
   // history began. A change of the bodies begins a new history.
-  const bool tunable = !uses_sundials();
+  const bool tunable = !uses_cvode();
   auto q0 = joints.parameter("q0", q0_, "rad", "link-side joint position at the start, inside");
   if (equations_.inside()) q0.essential();
   joints.parameter("dq0", dq0_, "rad/s", "link-side and motor speed at the start, inside");
@@ -33,15 +33,15 @@ void DriveTrain::declare_stops_and_solver(Variables& v) {
   v.parameter("rtol", rtol_, "1", "relative local error allowed in a sub-step").range(0, 1);
   joints.parameter("atol", atol_, "rad", "absolute local error allowed in q and theta").range(1e-14, 1);
   joints.parameter("atol_speed", atol_speed_, "rad/s", "absolute local error allowed in dq and dtheta").range(1e-14, 1e3);
-  v.parameter("max_substeps", max_substeps_, "attempts in one step, after which the tolerance is given up; not with SUNDIALS")
+  v.parameter("max_substeps", max_substeps_, "attempts in one step, after which the tolerance is given up; not with cvode")
       .range(1, 100000);
   v.parameter("input_order", input_order_,
               "0: inputs are held over a step, or follow their rates; 1: they go linearly from their last value to the new "
               "one, which is that at the step's end (q and dq outside: a cubic; with 0 q moves on with dq)")
       .range(0, 1);
-  v.parameter(
-       "link_order", link_order_,
-       "the same for q and dq with link=outside: 1 where their source makes its step before this unit's; -1: as input_order")
+  v.parameter("link_order", link_order_,
+              "the same for q and dq with link_side=outside: 1 where their source makes its step before this unit's; -1: as "
+              "input_order")
       .range(-1, 1);
   v.parameter("transition", transition_, "s", "time constant with which what is in force follows the tunables; 0: at once")
       .range(0, 1e6);

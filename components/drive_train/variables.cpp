@@ -36,7 +36,7 @@ void DriveTrain::declare(Variables& v) {
   v.output("forced_substeps", forced_, "of them, those taken against the tolerance because max_substeps allowed no more");
   v.output("events", events_, "joints that stuck, broke away, or came into or out of a stop in this step");
   v.output("error_estimate", error_, "1",
-           "largest local error over tolerance in this step; 0 with SUNDIALS, which keeps to its tolerances or gives up");
+           "largest local error over tolerance in this step; 0 with cvode, which keeps to its tolerances or gives up");
   v.output("warning", warning_, "what the user should know after the run; empty if nothing");
 
   declare_parameters(v);
@@ -51,8 +51,8 @@ void DriveTrain::declare(Variables& v) {
   v.state("stop", m.stop, "-1 or 1 while the link is in its lower or upper stop");
   joints.state("impact", m.impact, "rad/s", "speed at which the link came into its stop");
   v.state("substep", proposal_, "s", "length that the next sub-step should have");
-  if (uses_sundials()) {
-    SundialsSolver::Log& log = sundials_->log();
+  if (uses_cvode()) {
+    CvodeSolver::Log& log = cvode_->log();
     v.state("log_count", log.count, "steps in the solver's history");
     v.state("log_x", log.x, "1", "q, dq, theta, dtheta, z where the solver's history begins");
     v.state("log_slip", log.modes.slip, "slip there");
@@ -73,7 +73,7 @@ void DriveTrain::declare(Variables& v) {
     v.output("energy_bodies", energy_bodies_, "J",
              "kinetic and potential energy that changes of the bodies have brought since the start, at constant speeds");
   };
-  if (equations_.inside() && !uses_sundials()) declare_tools();
+  if (equations_.inside() && !uses_cvode()) declare_tools();
   if (with_terms_) {
     joints.output("tau_inertia", terms_.inertia, "N.m", "M ddq of (2a)");
     joints.output("tau_coriolis", terms_.coriolis, "N.m", "C dq of (2a): Coriolis and centrifugal torques");
@@ -81,7 +81,7 @@ void DriveTrain::declare(Variables& v) {
     joints.output("tau_link", terms_.link, "N.m",
                   "friction, springs and stops of the link; the four terms together are tau_J + tau_e");
   }
-  if (equations_.inside() && uses_sundials()) declare_tools();
+  if (equations_.inside() && uses_cvode()) declare_tools();
   if (equations_.inside()) {
     v.state("passed_at", limits_.passed_at, "s", "time at which each joint first passed its upper limit; -1e10: never");
     v.state("passed_below", limits_.passed_below, "s", "the same of its lower limit");

@@ -99,7 +99,7 @@ class Settings {
   void warn(std::string message) { warnings_.push_back(std::move(message)); }
   const std::vector<std::string>& warnings() const { return warnings_; }
   const std::string& unit() const { return unit_; }
-  /// The given settings and the used defaults of the scenario as a query, "link=inside&robot=lwr4", in alphabetical order.
+  /// The given settings and the used defaults of the scenario as a query, "link_side=inside&robot=lwr4", in alphabetical order.
   std::string query() const;
   /// The results of robot_file(). The folder of a robot may have a file <unit>.ssv with start values.
   const std::vector<std::filesystem::path>& robot_files() const { return robot_files_; }

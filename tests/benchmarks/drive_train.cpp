@@ -171,7 +171,7 @@ class Plain {
   explicit Plain(Variant variant)
       : drive_(make("", {}, variant)),
         robot_(robot::load_urdf(kModels / "robots/lwr4/robot.urdf")),
-        equations_(&robot_, kJoints, drive_train::Link::kInside, drive_train::Transmission::kFlexible,
+        equations_(&robot_, kJoints, drive_train::LinkSide::kInside, drive_train::Transmission::kFlexible,
                    drive_train::Friction::kLugre),
         point_(kJoints),
         x_(5 * kJoints) {

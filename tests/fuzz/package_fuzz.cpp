@@ -48,7 +48,7 @@ std::string good_unit() {
   fmu::Package package;
   package.token = "{0}";
   package.unit = "drive_train";
-  package.query = "link=inside&robot=arm";
+  package.query = "link_side=inside&robot=arm";
   package.robot = std::make_shared<robot::RobotModel>(
       robot::load_urdf(cotwin::places::source() + "/tests/fuzz/corpus/urdf/arm.urdf", {robot::Unphysical::kWarn, ""}));
   Integrator unit;

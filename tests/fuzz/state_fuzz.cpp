@@ -36,12 +36,12 @@ struct Choice {
 };
 
 constexpr std::array kChoices = {
-    Choice{"drive_train", "joints=2&link=outside&method=cvode&robot="},
+    Choice{"drive_train", "joints=2&link_side=outside&method=cvode&robot="},
     Choice{"compliance", "", "planar2"},
     Choice{"motion", "points=4&degree=8", "planar2"},
     Choice{"motion", "kind=polynomial&degree=7&jerk=true", "planar2"},
     Choice{"io", "link=sensors", "planar2"},
-    Choice{"contact_world", "link=outside", "planar2", "table"},
+    Choice{"contact_world", "link_side=outside", "planar2", "table"},
     Choice{"contact_world", "method=dantzig", "", "stack"},
     Choice{"tuner", "friction=sigmoid&motor_inertia=true", "planar2"},
     Choice{"motion", "robot=planar2&space=cartesian&from=relative&inverse=true", "planar2"},

@@ -120,7 +120,7 @@ TEST(Hulls, OfExamplesAreThoseOfTheirRobots) {
 // A UR5e without torque falls onto the table that it stands on. With hulls it comes to lie there; without shapes it falls through.
 TEST(Hulls, CarryAFallingRobot) {
   for (const std::string shapes : {"hulls", "all"}) {
-    cotwin::testing::UnitSubject world("unit:contact_world?robot=ur5e&link=outside&scene=table&robot_shapes=" + shapes);
+    cotwin::testing::UnitSubject world("unit:contact_world?robot=ur5e&link_side=outside&scene=table&robot_shapes=" + shapes);
     world.set("q0", std::vector<double>{0, -0.5, 0.4, -0.3, 0, 0});
     world.initialise();
     const double start = world.real("energy");
@@ -144,7 +144,7 @@ TEST(Hulls, CarryAFallingRobot) {
 
 // The base frame of the LWR is 0.31 m above its foot: on the table top its first link is inside the table.
 TEST(Hulls, OfARobotThatStandsInTheTableAreNamed) {
-  cotwin::testing::UnitSubject world("unit:contact_world?robot=lwr4&link=outside&scene=table&robot_shapes=hulls");
+  cotwin::testing::UnitSubject world("unit:contact_world?robot=lwr4&link_side=outside&scene=table&robot_shapes=hulls");
   world.initialise();
   EXPECT_THAT([&] { world.step(1e-3); },
               ::testing::ThrowsMessage<Error>(::testing::HasSubstr("(bodies 'table' and 'link_1' overlap by 0.")));

@@ -1,5 +1,5 @@
 // A short version of VI-A: an LWR 4+ under joint admittance lowers its peg into a hole that is beside the expected place, with
-// the links integrated by either unit (link=inside or outside). Robot, gains and the low-pass of the sensors as in
+// the links integrated by either unit (link_side=inside or outside). Robot, gains and the low-pass of the sensors as in
 // examples/04_peg_in_hole, in 4 s.
 #include <gtest/gtest.h>
 
@@ -94,7 +94,7 @@ struct Outcome {
   Vector3d steady{0, 0, 0};                        // N, mean of the last 0.3 s
   double shake = 0;                                // N, its standard deviation there
   double penetration = 0;                          // m
-  double energy = 0;                               // J, largest kinetic energy of the motors and, with link=inside, links
+  double energy = 0;                               // J, largest kinetic energy of the motors and, with link_side=inside, links
   bool inserted() const { return depth > 0.032; }  // of 35 mm that the controller commands
 };
 
@@ -104,9 +104,9 @@ class Insertion {
       : outside_(c.link == "outside"),
         parts_(c.parts),
         controller_(make("compliance", "?robot=" + kExample + "lwr4_peg.urdf")),
-        drive_(make("drive_train", "?link=" + c.link + "&robot=" + kExample + "real/robot.urdf")),
-        world_(make("contact_world", "?link=" + c.link + "&method=" + c.method + "&scene=" + kModels + "scenes/peg_in_hole/" +
-                                         c.plate + ".sdf&robot=" + kExample + "real/robot.urdf")) {
+        drive_(make("drive_train", "?link_side=" + c.link + "&robot=" + kExample + "real/robot.urdf")),
+        world_(make("contact_world", "?link_side=" + c.link + "&method=" + c.method + "&scene=" + kModels +
+                                         "scenes/peg_in_hole/" + c.plate + ".sdf&robot=" + kExample + "real/robot.urdf")) {
     apply(load_parameter_set(kModels + "robots/lwr4/compliance.ssv"), controller_.variables);
     put(controller_, "S_a", {1200, 1200, 900, 900, 600, 400, 300});
     put(controller_, "M_a", {12, 12, 9, 9, 6, 4, 3});
@@ -120,7 +120,7 @@ class Insertion {
     put(controller_, "q_d", start);
     if (outside_) {
       // The motors hold the weight of the links, which the drive train of an inside robot includes.
-      Instance inside = make("drive_train", "?link=inside&robot=" + kExample + "real/robot.urdf");
+      Instance inside = make("drive_train", "?link_side=inside&robot=" + kExample + "real/robot.urdf");
       put(inside, "q0", start);
       inside.unit->initialise({});
       copy(inside, "tau_J", drive_, "tau_m");

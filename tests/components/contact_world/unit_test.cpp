@@ -50,9 +50,9 @@ class Held {
  public:
   Held(const std::string& link, const std::string& world, const Values& q, const std::string& robot = kPusher)
       : outside_(link == "outside"),
-        world_("unit:contact_world?link=" + link + "&robot=" + robot + world),
+        world_("unit:contact_world?link_side=" + link + "&robot=" + robot + world),
         q_(q),
-        drive_("unit:drive_train?link=" + link + "&robot=" + robot) {
+        drive_("unit:drive_train?link_side=" + link + "&robot=" + robot) {
     if (robot != "lwr4") drive_.fill("K", 1e4).fill("B", 0.5).fill("D", 20);
     copy(drive_, "K", world_, "K");
     copy(drive_, "D", world_, "D");
@@ -195,14 +195,14 @@ TEST(ContactWorld, AHandPressesALinkOnTheFloor) {
 
 TEST(ContactWorld, OtherExternalTorquesMovePassiveJointsAndFollowTheirRate) {
   const auto speed = [](const std::string& query, const std::string& name) {
-    Subject world("unit:contact_world?link=outside&scene=none&robot=" + kPusher + query);
+    Subject world("unit:contact_world?link_side=outside&scene=none&robot=" + kPusher + query);
     world.set("q0", {0.3, -0.5}).initialise();
     world.set(name, {0, 2});
     world.step(1e-3);
     return world["dq"][1];
   };
   EXPECT_NEAR(speed("&passive=elbow", "tau_other"), speed("", "tau_J"), 1e-12);
-  Subject ramp("unit:contact_world?link=outside&scene=none&robot=" + kPusher);
+  Subject ramp("unit:contact_world?link_side=outside&scene=none&robot=" + kPusher);
   ramp.initialise();
   ramp.variables().at("tau_other").rate[1] = 100;
   ramp.set("tau_other", {0, 1}).step(1e-2);
@@ -337,7 +337,7 @@ TEST(ContactWorld, RefusesARobotThatStartsBeyondItsLimits) {
   const std::string source = "unit:contact_world?scene=none&robot=" + kPusher;
   const auto refusal = [&](const std::vector<double>& q0) {
     return error_of([&] {
-      Subject outside(source + "&link=outside");
+      Subject outside(source + "&link_side=outside");
       outside.set("q0", q0).initialise();
     });
   };
@@ -346,7 +346,7 @@ TEST(ContactWorld, RefusesARobotThatStartsBeyondItsLimits) {
             "contact_world.q0[1]: joint shoulder starts at 20.5 rad, expected -20 to 20 rad; a value in degrees?");
   EXPECT_THAT(refusal({0, -1e300}),
               HasSubstr("contact_world.q0[2]: joint elbow starts at -1e+300 rad, expected -20 to 20 rad"));
-  Subject inside(source + "&link=inside");  // the limits are the drive train's
+  Subject inside(source + "&link_side=inside");  // the limits are the drive train's
   inside.set("q", {20.5, -20.25}).initialise();
 }
 
@@ -368,7 +368,7 @@ TEST(ContactWorld, NotesJointsOfTheSceneThatStartBeyondTheirLimits) {
 }
 
 TEST(ContactWorld, CountsTheTurnsOfAJointFromItsStart) {
-  Subject world("unit:contact_world?link=outside&robot=" + kPusher);
+  Subject world("unit:contact_world?link_side=outside&robot=" + kPusher);
   world.set("q0", {4, -7}).set("gravity", {0, 0, 0}).initialise();
   for (int i = 0; i < 20; ++i) world.step(1e-3);
   EXPECT_NEAR(world["q"][0], 4, 1e-9);
@@ -421,7 +421,7 @@ TEST(ContactWorld, ARecordingGoesOnWithItsAccelerationWhateverTheSteps) {
 // A setting decides what moves the links: a torque that passes through zero is a normal torque.
 TEST(ContactWorld, ATorqueOfExactlyZeroIsATorque) {
   const auto forecast = [](double tau_J) {
-    Subject world("unit:contact_world?link=inside&scene=none&robot=" + kPusher);
+    Subject world("unit:contact_world?link_side=inside&scene=none&robot=" + kPusher);
     world.set("q", {0.3, -0.5}).set("K", {0, 0}).initialise();
     world.set("tau_J", {tau_J, tau_J});
     world.step(1e-3);
@@ -442,7 +442,7 @@ TEST(ContactWorld, PrescribedLinksHaveNoTorquePorts) {
 TEST(ContactWorld, TheLwrFloatsFreelyAndKeepsItsMomentum) {
   // No gravity, no torque: the centre of mass of base and links moves on a straight line at constant speed while the arm
   // swings.
-  Subject world("unit:contact_world?link=outside&base=floating&scene=none&robot=lwr4");
+  Subject world("unit:contact_world?link_side=outside&base=floating&scene=none&robot=lwr4");
   world.set("gravity", {0, 0, 0}).fill("dq0", 1).initialise();
   const Values start(world["base_p"].begin(), world["base_p"].end());
   const double energy = world["energy"][0];
@@ -457,8 +457,8 @@ TEST(ContactWorld, TheLwrFloatsFreelyAndKeepsItsMomentum) {
 // motion is predicted with the motors' share of τ_J. Without knowledge of the motors the world would throw the link back.
 TEST(ContactWorld, LinksBehindRigidGearsArePredictedWithTheirMotors) {
   for (const double B : {0.5, 0.0}) {
-    Subject world("unit:contact_world?link=inside&scene=" + kData + "ice.sdf&robot=" + kPusher);
-    Subject drive("unit:drive_train?link=inside&transmission=rigid&robot=" + kPusher);
+    Subject world("unit:contact_world?link_side=inside&scene=" + kData + "ice.sdf&robot=" + kPusher);
+    Subject drive("unit:drive_train?link_side=inside&transmission=rigid&robot=" + kPusher);
     drive.fill("B", 0.5).set("q0", {-0.4, -0.55});
     world.fill("B", B).set("q", {-0.4, -0.55});
     drive.initialise();
@@ -534,8 +534,8 @@ class Pair {
  public:
   Pair(const std::string& link, const std::string& world)
       : outside_(link == "outside"),
-        world_("unit:contact_world?link=" + link + "&robots=left:" + kPusher + ",right:" + kPusher + world) {
-    for (int i = 0; i < 2; ++i) drives_.emplace_back("unit:drive_train?link=" + link + "&robot=" + kPusher);
+        world_("unit:contact_world?link_side=" + link + "&robots=left:" + kPusher + ",right:" + kPusher + world) {
+    for (int i = 0; i < 2; ++i) drives_.emplace_back("unit:drive_train?link_side=" + link + "&robot=" + kPusher);
   }
   void initialise(const std::array<Values, 2>& q, const std::array<Values, 2>& tau_0) {
     tau_0_ = tau_0;
@@ -649,7 +649,7 @@ TEST(ContactWorld, ARobotThatIsRestoredInContactGoesOnToTheSameBits) {
 }
 
 TEST(ContactWorld, ForcesOnARobotsBaseAreReported) {
-  Subject world("unit:contact_world?link=outside&scene=" + kFloor + "&robot=" + kData + "gantry.urdf");
+  Subject world("unit:contact_world?link_side=outside&scene=" + kFloor + "&robot=" + kData + "gantry.urdf");
   world.set("base_p0", {0, 0.3, 0}).set("cube.p0", {0.02, 0.3, 0.15}).set("tau_J", {0, 1.5 * kGravity});
   world.initialise();
   for (int i = 0; i < 1000; ++i) {
@@ -732,7 +732,7 @@ TEST(ContactWorld, AnArmOnStiffGearsLosesLittleEnergyBetweenTheTwoUnits) {
 // No external forces: the centre of mass of base and links stays at rest.
 TEST(ContactWorld, AFloatingRobotMovesItsBaseButNotItsCentreOfMass) {
   const robot::RobotModel satellite = robot::load_urdf(kData + "satellite.urdf");
-  Subject world("unit:contact_world?link=outside&base=floating&robot=" + kData + "satellite.urdf");
+  Subject world("unit:contact_world?link_side=outside&base=floating&robot=" + kData + "satellite.urdf");
   const auto centre = [&] {
     const auto Q = world["base_quat"];
     const Pose X_WB{Eigen::Quaterniond(Q[0], Q[1], Q[2], Q[3]).toRotationMatrix(), Eigen::Vector3d(world["base_p"].data())};
@@ -804,8 +804,8 @@ TEST(ContactWorld, ReportsErrorsInItsSettingsAndInputs) {
       HasSubstr("expected actuation=torque"));
   EXPECT_THAT(error_of([] { Subject("unit:contact_world?maximal=left&robots=right:" + kPusher); }),
               HasSubstr("maximal=left: there is no robot of this name"));
-  EXPECT_THAT(error_of([] { Subject("unit:contact_world?actuation=prescribed&link=outside&robot=" + kPusher); }),
-              HasSubstr("expected link=inside"));
+  EXPECT_THAT(error_of([] { Subject("unit:contact_world?actuation=prescribed&link_side=outside&robot=" + kPusher); }),
+              HasSubstr("expected link_side=inside"));
   Subject world("unit:contact_world?scene=" + kFloor);
   world.set("cube.quat0", {1, 1, 0, 0});
   EXPECT_THAT(error_of([&] { world.initialise(); }), HasSubstr("cube.quat0"));

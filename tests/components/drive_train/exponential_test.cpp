@@ -15,7 +15,7 @@ namespace {
 TEST(DriveTrainExponential, IsOfOrderThree) {
   // The LWR 4 in gravity with viscous friction, smooth, over 16 ms, in equal sub-steps.
   const robot::RobotModel model = robot::load_urdf(std::filesystem::path(places::source()) / "models/robots/lwr4/robot.urdf");
-  drive_train::Equations equations(&model, 7, drive_train::Link::kInside, drive_train::Transmission::kFlexible,
+  drive_train::Equations equations(&model, 7, drive_train::LinkSide::kInside, drive_train::Transmission::kFlexible,
                                    drive_train::Friction::kSmooth);
   drive_train::Parameters& p = equations.parameters();
   std::fill(p.K.begin(), p.K.end(), 1e5);
@@ -169,8 +169,8 @@ std::vector<Scene> scenes() {
       {"one joint", "robot=" + kRotor, gears(1e7, 1), jump},
       {"KR 300", "robot=kr300_r2500", gears(1e6, 0), push},
       {"33 joints", "robot=" + tree(), gears(1e5, 0), jump, 1e-3, 30},
-      {"links outside", "link=outside&joints=3", gears(1e7, 0), move_links},
-      {"links outside on cubics", "link=outside&robot=lwr4", ramp, move_links},
+      {"links outside", "link_side=outside&joints=3", gears(1e7, 0), move_links},
+      {"links outside on cubics", "link_side=outside&robot=lwr4", ramp, move_links},
   };
 }
 
@@ -231,7 +231,7 @@ TEST(DriveTrainExponential, KeepsTheEnergyOfStiffUndampedGearsInFreeFall) {
 
 TEST(DriveTrainExponential, BalancesTheWorkOfALinkOutsideThatShakesAStiffGear) {
   for (const double K : {1e4, 1e6, 1e7}) {
-    Drive drive("link=outside&joints=3");
+    Drive drive("link_side=outside&joints=3");
     drive.set("K", K).set("D", 0).set("input_order", 1);
     move_links(drive, 0);
     drive.initialise();

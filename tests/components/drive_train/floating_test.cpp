@@ -405,7 +405,8 @@ TEST(DriveTrainFloating, AndARobotInMaximalCoordinatesBesideItAnswerTheSameImpac
 
 TEST(DriveTrainFloating, ReportsErrorsInSettingsAndValues) {
   using testing::error_of;
-  EXPECT_EQ(error_of([] { Drive("base=floating&link=outside&robot=" + kSatellite); }), "");  // a setting shared with the world
+  EXPECT_EQ(error_of([] { Drive("base=floating&link_side=outside&robot=" + kSatellite); }),
+            "");  // a setting shared with the world
   EXPECT_THAT(error_of([] { Drive("base=floating&method=cvode&robot=" + kSatellite); }), HasSubstr("expected rosenbrock"));
   EXPECT_THAT(error_of([] { Drive("base=floating&robot=" + testing::kRotor); }), HasSubstr("cannot float"));
   const auto with = [](const char* name, double value) {

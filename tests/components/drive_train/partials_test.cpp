@@ -143,7 +143,7 @@ TEST(DriveTrainPartialsOfARotor, AreOneOverTheInertiaAndTheStiffness) {
 
 INSTANTIATE_TEST_SUITE_P(Variants, DriveTrainPartials,
                          ::testing::Values("robot=lwr4", "robot=lwr4&friction=elasto_plastic", "robot=lwr4&friction=coulomb",
-                                           "robot=lwr4&transmission=rigid", "robot=lwr4&link=outside"),
+                                           "robot=lwr4&transmission=rigid", "robot=lwr4&link_side=outside"),
                          [](const auto& query) {
                            std::string name = query.param;
                            for (char& c : name) {

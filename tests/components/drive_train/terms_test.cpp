@@ -87,8 +87,8 @@ TEST(DriveTrainTerms, AddUpToTheTorqueOnTheLinksInEveryVariant) {
 }
 
 TEST(DriveTrainTerms, NeedTheLinksInside) {
-  EXPECT_THAT(testing::error_of([] { Drive("robot=lwr4&link=outside&terms=true"); }),
-              ::testing::HasSubstr("terms=true with link=outside"));
+  EXPECT_THAT(testing::error_of([] { Drive("robot=lwr4&link_side=outside&terms=true"); }),
+              ::testing::HasSubstr("terms=true with link_side=outside"));
 }
 
 }  // namespace

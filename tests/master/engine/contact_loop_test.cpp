@@ -24,7 +24,7 @@ const std::string kData = places::source() + "/tests/components/data/";
 /// An arm of two links falls on a floor and stays there; its gears carry 21 and 2 N.m. Without K and D in the world explicit steps diverge above 7 us.
 Build fall(CouplingChoice coupling, Duration tick = Duration{1'000'000}) {
   Build b;
-  const std::string robot = "robot=" + kData + "pusher.urdf&link=outside", q0 = "-0.4 -0.6";
+  const std::string robot = "robot=" + kData + "pusher.urdf&link_side=outside", q0 = "-0.4 -0.6";
   b.unit("world", "contact_world?" + robot + "&scene=" + kData + "floor.sdf", 0).with("q0", q0);
   b.unit("robot", "drive_train?" + robot, 1).with("q0", q0).with("tau_m", "21 2");
   b.with("K", 1e4).with("D", 20.0).with("B", 0.5).with("sigma2", 20.0).with("link_order", std::int64_t{1});

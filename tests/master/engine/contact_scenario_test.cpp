@@ -20,7 +20,7 @@ namespace {
 /// An arm of two links, whose tip is a ball of 20 mm, falls on a floor without restitution; `tick` with its unit.
 std::string scenario(const std::string& tick) {
   const std::string data = places::source() + "/tests/components/data/",
-                    pusher = "robot=" + data + "pusher.urdf&amp;link=inside";
+                    pusher = "robot=" + data + "pusher.urdf&amp;link_side=inside";
   const auto connection = [](const std::string& from, const std::string& to, const std::string& port) {
     return "<ssd:Connection startElement=\"" + from + "\" startConnector=\"" + port + "\" endElement=\"" + to +
            "\" endConnector=\"" + port + "\"/>";

@@ -48,7 +48,7 @@ double largest_torque(Scenario scenario) {
 }
 
 const std::vector<std::string> kInside = {"robot.K=1e6", "robot.D=1000"};
-const std::vector<std::string> kOutside = {"link=outside", "robot.K=1e6", "robot.D=0", "world.K=0", "world.D=0"};
+const std::vector<std::string> kOutside = {"link_side=outside", "robot.K=1e6", "robot.D=0", "world.K=0", "world.D=0"};
 
 // A gear of 1e6 N.m/rad and its link oscillate with some thousand rad/s; the tick is 1 ms. With the links inside of the drive
 // train there is no loop, and with damped gears no oscillation: these torques are those of gravity and motion. Implicit steps of
@@ -72,7 +72,7 @@ TEST(CoupledTwin, IsSolvedWithAutoWhereExplicitStepsWouldDiverge) {
 
 TEST(CoupledTwin, HasTheSameBitsTwice) {
   const auto end = [] {
-    Master master = load(peg_in_hole(CouplingChoice::kImplicit, {"link=outside"}));
+    Master master = load(peg_in_hole(CouplingChoice::kImplicit, {"link_side=outside"}));
     master.initialise();
     for (int i = 0; i < 300; ++i) master.step_tick();
     const auto tau = find_real_signal(master.members(), "robot.tau_J", "").reals();

@@ -218,7 +218,7 @@ TEST(Omissions, UnconnectedUnitsReportTheirNeeds) {
   EXPECT_THAT(alone("motion"), ElementsAre(HasSubstr("a.waypoint_q")));
   EXPECT_THAT(alone("motion?kind=polynomial"), ElementsAre(HasSubstr("a.q_end")));
   EXPECT_THAT(alone("tuner?robot=planar2"), ElementsAre(HasSubstr("a.q ("), HasSubstr("a.tau (")));
-  EXPECT_THAT(alone("drive_train?link=outside"), ElementsAre(HasSubstr("a.tau_m"), HasSubstr("a.q (")));
+  EXPECT_THAT(alone("drive_train?link_side=outside"), ElementsAre(HasSubstr("a.tau_m"), HasSubstr("a.q (")));
   EXPECT_THAT(alone("contact_world?scene=stack"), IsEmpty());
 }
 

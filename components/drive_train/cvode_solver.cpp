@@ -1,6 +1,5 @@
-#include "components/drive_train/sundials_solver.h"
+#include "components/drive_train/cvode_solver.h"
 
-#include <arkode/arkode_arkstep.h>
 #include <cvode/cvode.h>
 #include <nvector/nvector_serial.h>
 #include <sundials/sundials_context.h>
@@ -50,15 +49,9 @@ realtype weighted_rms(N_Vector x, N_Vector w) {
 }  // namespace
 
 // Two rows after x: the dissipated energy, and the work −∫ τ_J q̇ dt of a link outside.
-struct SundialsSolver::Memory {
-  Memory(Equations& e, Method m)
-      : equations(e),
-        method(m),
-        y_storage(e.size() + 2),
-        x(e.size()),
-        k(e.size()),
-        point(e.n()),
-        absolute_storage(e.size() + 2) {
+struct CvodeSolver::Memory {
+  explicit Memory(Equations& e)
+      : equations(e), y_storage(e.size() + 2), x(e.size()), k(e.size()), point(e.n()), absolute_storage(e.size() + 2) {
     check(SUNContext_Create(nullptr, &context), "SUNContext_Create");
     const auto length = static_cast<sunindextype>(y_storage.size());
     y = N_VMake_Serial(length, y_storage.data(), context);
@@ -72,29 +65,16 @@ struct SundialsSolver::Memory {
     linear->ops->solve = [](SUNLinearSolver S, SUNMatrix, N_Vector v, N_Vector b, realtype) {
       return static_cast<Memory*>(S->content)->solve(N_VGetArrayPointer(b), N_VGetArrayPointer(v));
     };
-    if (method == Method::kCvode) {
-      solver = CVodeCreate(CV_BDF, context);
-      check(CVodeInit(solver, right_side, 0, y), "CVodeInit");
-      check(CVodeSVtolerances(solver, 1e-6, absolute), "CVodeSVtolerances");
-      check(CVodeSetUserData(solver, this), "CVodeSetUserData");
-      check(CVodeSetErrHandlerFn(solver, silent, nullptr), "CVodeSetErrHandlerFn");
-      check(CVodeSetLinearSolver(solver, linear, nullptr), "CVodeSetLinearSolver");
-      check(CVodeSetMaxNumSteps(solver, kMostInternalSteps), "CVodeSetMaxNumSteps");
-    } else {
-      solver = ARKStepCreate(nullptr, right_side, 0, y, context);
-      check(ARKStepSVtolerances(solver, 1e-6, absolute), "ARKStepSVtolerances");
-      check(ARKStepSetUserData(solver, this), "ARKStepSetUserData");
-      check(ARKStepSetErrHandlerFn(solver, silent, nullptr), "ARKStepSetErrHandlerFn");
-      check(ARKStepSetTableNum(solver, ARKODE_ARK324L2SA_DIRK_4_2_3, ARKODE_ERK_NONE), "ARKStepSetTableNum");
-      check(ARKStepSetLinearSolver(solver, linear, nullptr), "ARKStepSetLinearSolver");
-    }
+    solver = CVodeCreate(CV_BDF, context);
+    check(CVodeInit(solver, right_side, 0, y), "CVodeInit");
+    check(CVodeSVtolerances(solver, 1e-6, absolute), "CVodeSVtolerances");
+    check(CVodeSetUserData(solver, this), "CVodeSetUserData");
+    check(CVodeSetErrHandlerFn(solver, silent, nullptr), "CVodeSetErrHandlerFn");
+    check(CVodeSetLinearSolver(solver, linear, nullptr), "CVodeSetLinearSolver");
+    check(CVodeSetMaxNumSteps(solver, kMostInternalSteps), "CVodeSetMaxNumSteps");
   }
   ~Memory() {
-    if (method == Method::kCvode) {
-      CVodeFree(&solver);
-    } else {
-      ARKStepFree(&solver);
-    }
+    CVodeFree(&solver);
     SUNLinSolFreeEmpty(linear);
     N_VDestroy(absolute);
     N_VDestroy(y);
@@ -139,10 +119,7 @@ struct SundialsSolver::Memory {
     realtype time = 0, gamma = 0, rl1 = 0;
     N_Vector a1 = nullptr, a2 = nullptr, a3 = nullptr, a4 = nullptr;
     void* user = nullptr;
-    const int flag = method == Method::kCvode
-                         ? CVodeGetNonlinearSystemData(solver, &time, &a1, &a2, &a3, &gamma, &rl1, &a4, &user)
-                         : ARKStepGetNonlinearSystemData(solver, &time, &a1, &a2, &a3, &gamma, &a4, &user);
-    if (flag != 0) return -1;
+    if (CVodeGetNonlinearSystemData(solver, &time, &a1, &a2, &a3, &gamma, &rl1, &a4, &user) != 0) return -1;
     if (time != factored_time || gamma != factored_gamma) {
       equations.factorise(point, gamma);
       factor_point_M = point.M;
@@ -160,14 +137,12 @@ struct SundialsSolver::Memory {
   }
 
   Equations& equations;
-  Method method;
   SUNContext context = nullptr;
   std::vector<double> y_storage, x, k;
   Point point;
   std::vector<double> absolute_storage;
   std::vector<double> factor_point_M;
   double factored_time = NAN, factored_gamma = NAN;
-  bool warm = false;
   double now = 0;         // s since the last restart
   double step_start = 0;  // s, at which the course has t = 0
   N_Vector y = nullptr, absolute = nullptr;
@@ -175,9 +150,9 @@ struct SundialsSolver::Memory {
   void* solver = nullptr;
 };
 
-SundialsSolver::Log::Log(std::size_t n) : x(5 * n), modes(n), steps(kLogLength * (1 + 8 * n)) {}
+CvodeSolver::Log::Log(std::size_t n) : x(5 * n), modes(n), steps(kLogLength * (1 + 8 * n)) {}
 
-SundialsSolver::SundialsSolver(Equations& equations, Method method)
+CvodeSolver::CvodeSolver(Equations& equations)
     : equations_(equations),
       log_(equations.n()),
       end_(equations.n()),
@@ -185,13 +160,13 @@ SundialsSolver::SundialsSolver(Equations& equations, Method method)
       x_before_(equations.size()),
       x_replayed_(equations.size()),
       events_(2 * equations.n()),
-      memory_(std::make_unique<Memory>(equations, method)) {
+      memory_(std::make_unique<Memory>(equations)) {
   memory_->factor_point_M.resize(equations.n() * equations.n());
 }
 
-SundialsSolver::~SundialsSolver() = default;
+CvodeSolver::~CvodeSolver() = default;
 
-void SundialsSolver::configure(const Tolerances& t) {
+void CvodeSolver::configure(const Tolerances& t) {
   const std::size_t n = equations_.n();
   double* a = memory_->absolute_storage.data();
   std::fill_n(a, 5 * n, kNoTolerance);
@@ -205,40 +180,20 @@ void SundialsSolver::configure(const Tolerances& t) {
   }
   std::fill_n(a + 5 * n, 2, kNoTolerance);
   const int events = static_cast<int>(event_count(equations_));
-  if (memory_->method == Method::kCvode) {
-    check(CVodeRootInit(memory_->solver, events, events > 0 ? Memory::root_functions : nullptr), "CVodeRootInit");
-    check(CVodeSVtolerances(memory_->solver, t.relative, memory_->absolute), "CVodeSVtolerances");
-  } else {
-    check(ARKStepRootInit(memory_->solver, events, events > 0 ? Memory::root_functions : nullptr), "ARKStepRootInit");
-    check(ARKStepSVtolerances(memory_->solver, t.relative, memory_->absolute), "ARKStepSVtolerances");
-  }
-  warm_up();
+  check(CVodeRootInit(memory_->solver, events, events > 0 ? Memory::root_functions : nullptr), "CVodeRootInit");
+  check(CVodeSVtolerances(memory_->solver, t.relative, memory_->absolute), "CVodeSVtolerances");
 }
 
-// ARKODE allocates in its first step. This makes that step during initialisation; its result is not used.
-void SundialsSolver::warm_up() {
-  Memory& m = *memory_;
-  if (m.warm || m.method == Method::kCvode) return;
-  m.warm = true;
-  restart(log_.x.data());
-  double time = 0;
-  static_cast<void>(ARKStepEvolve(m.solver, m.now + 1e-6, m.y, &time, ARK_ONE_STEP));
-}
-
-void SundialsSolver::restart(const double* x) {
+void CvodeSolver::restart(const double* x) {
   Memory& m = *memory_;
   std::copy_n(x, equations_.size(), m.y_storage.data());
   m.y_storage[equations_.size()] = m.y_storage[equations_.size() + 1] = 0;
   m.factored_time = NAN;
-  if (m.method == Method::kCvode) {
-    check(CVodeReInit(m.solver, m.now, m.y), "CVodeReInit");
-  } else {
-    check(ARKStepReInit(m.solver, nullptr, Memory::right_side, m.now, m.y), "ARKStepReInit");
-  }
+  check(CVodeReInit(m.solver, m.now, m.y), "CVodeReInit");
 }
 
 // Returns whether the course begins at the end of the last course in the log.
-bool SundialsSolver::continues() const {
+bool CvodeSolver::continues() const {
   if (log_.count == 0 || static_cast<std::size_t>(log_.count) == kLogLength) return false;
   const std::size_t n = equations_.n();
   const double* last = log_.steps.data() + static_cast<std::size_t>(log_.count - 1) * (1 + 8 * n);
@@ -256,7 +211,7 @@ bool SundialsSolver::continues() const {
   return true;
 }
 
-bool SundialsSolver::step(double h, double* x, StepAccount& account) {
+bool CvodeSolver::step(double h, double* x, StepAccount& account) {
   const std::size_t n = equations_.n();
   equations_.prescribe(0, x);
   if (!continues()) {
@@ -277,7 +232,7 @@ bool SundialsSolver::step(double h, double* x, StepAccount& account) {
   return false;
 }
 
-void SundialsSolver::replay() {
+void CvodeSolver::replay() {
   if (log_.count == 0) return;
   if (log_.count < 0 || static_cast<std::size_t>(log_.count) > kLogLength) {
     throw Error("log_count", "is " + std::to_string(log_.count) + ", expected 0 to " + std::to_string(kLogLength));
@@ -302,10 +257,9 @@ void SundialsSolver::replay() {
   }
 }
 
-bool SundialsSolver::advance(double h, double* x, StepAccount& account) {
+bool CvodeSolver::advance(double h, double* x, StepAccount& account) {
   Memory& m = *memory_;
   const std::size_t size = equations_.size();
-  const bool cvode = m.method == Method::kCvode;
   m.step_start = m.now;
   const double goal = m.now + h;
   // The solver has its own copy of the state; x is that copy with the link motion of the course.
@@ -314,14 +268,13 @@ bool SundialsSolver::advance(double h, double* x, StepAccount& account) {
     equations_.prescribe(time - m.step_start, x);
   };
   if (settle_modes(equations_, x, false)) restart(x);
-  check(cvode ? CVodeSetStopTime(m.solver, goal) : ARKStepSetStopTime(m.solver, goal), "SetStopTime");
+  check(CVodeSetStopTime(m.solver, goal), "CVodeSetStopTime");
   double dissipated = m.y_storage[size], work_e = m.y_storage[size + 1];
   for (long steps = 0; m.now < goal; ++steps) {
     if (steps >= kMostInternalSteps) return false;
     std::copy_n(x, size, x_before_.data());
     double time = m.now;
-    const int flag =
-        cvode ? CVode(m.solver, goal, m.y, &time, CV_ONE_STEP) : ARKStepEvolve(m.solver, goal, m.y, &time, ARK_ONE_STEP);
+    const int flag = CVode(m.solver, goal, m.y, &time, CV_ONE_STEP);
     if (flag < 0) return false;
     show(time);
     add_torque_work(equations_, m.now - m.step_start, time - m.now, x_before_.data(), x, account);
@@ -334,7 +287,7 @@ bool SundialsSolver::advance(double h, double* x, StepAccount& account) {
     bool event = false;
     const std::size_t count = event_count(equations_);
     if (count > 0) event_values(equations_, time - m.step_start, x, events_.data());
-    const bool root = flag == (cvode ? CV_ROOT_RETURN : ARK_ROOT_RETURN);
+    const bool root = flag == CV_ROOT_RETURN;
     for (std::size_t i = 0; i < count; ++i) {
       if (events_[i] > (root ? kAtRoot : -kAtRoot)) continue;
       apply_event(equations_, i, time - m.step_start, x);
@@ -343,7 +296,7 @@ bool SundialsSolver::advance(double h, double* x, StepAccount& account) {
     }
     if (event) {
       restart(x);
-      if (m.now < goal) check(cvode ? CVodeSetStopTime(m.solver, goal) : ARKStepSetStopTime(m.solver, goal), "SetStopTime");
+      if (m.now < goal) check(CVodeSetStopTime(m.solver, goal), "CVodeSetStopTime");
     }
     dissipated = m.y_storage[size];
     work_e = m.y_storage[size + 1];

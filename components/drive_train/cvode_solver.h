@@ -9,16 +9,15 @@
 
 namespace cotwin::drive_train {
 
-/// CVODE's BDF or ARKODE's DIRK of order 3 with the analytic Jacobian and its structured solution
-/// (SUNLINEARSOLVER_MATRIX_EMBEDDED), adaptive in step and order. The history of the integration continues over communication
+/// SUNDIALS' CVODE, a BDF with the analytic Jacobian and its structured solution (SUNLINEARSOLVER_MATRIX_EMBEDDED), adaptive in
+/// step and order. The history of the integration continues over communication
 /// steps while the course is continuous; the integration restarts where the course jumps.
 ///
 /// The history is in SUNDIALS' memory, which a snapshot cannot contain. The Log has the state at the last restart and the
 /// communication steps since; replay() repeats these steps and gives the same bits. The integration restarts after kLogLength
 /// steps, so the log is bounded.
-class SundialsSolver {
+class CvodeSolver {
  public:
-  enum class Method : std::uint8_t { kCvode, kArkode };
   static constexpr std::size_t kLogLength = 32;
 
   /// Plain data, declared as state by the unit.
@@ -30,10 +29,10 @@ class SundialsSolver {
     std::vector<double> steps;  // kLogLength times (h | course)
   };
 
-  SundialsSolver(Equations& equations, Method method);
-  ~SundialsSolver();
-  SundialsSolver(const SundialsSolver&) = delete;
-  SundialsSolver& operator=(const SundialsSolver&) = delete;
+  explicit CvodeSolver(Equations& equations);
+  ~CvodeSolver();
+  CvodeSolver(const CvodeSolver&) = delete;
+  CvodeSolver& operator=(const CvodeSolver&) = delete;
 
   /// Sets the tolerances and the event functions, for the adopted parameters of the equations.
   void configure(const Tolerances& tolerances);
@@ -49,7 +48,6 @@ class SundialsSolver {
 
  private:
   struct Memory;  // the objects of SUNDIALS
-  void warm_up();
   bool continues() const;
   void restart(const double* x);
   bool advance(double h, double* x, StepAccount& account);
