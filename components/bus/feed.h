@@ -84,7 +84,7 @@ class Feed {
       }
     }
     /// The same for the newest record; those before it count as lost.
-    bool take_newest(std::span<std::byte> record) {
+    bool pop_newest(std::span<std::byte> record) {
       if (!empty()) skip_to(feed_.published());
       return take(record);
     }

@@ -176,7 +176,7 @@ void LiveRun::pass_plan() {
   plans_.publish();
 }
 
-bool LiveRun::take_plan(Plan& plan) {
+bool LiveRun::pop_plan(Plan& plan) {
   if (!plans_.take()) return false;
   PlanHeader header;
   std::memcpy(static_cast<void*>(&header), plans_.front().data(), sizeof header);
@@ -235,8 +235,8 @@ bool LiveRun::Watch::take(Sample& sample) {
   return true;
 }
 
-bool LiveRun::Watch::take_newest(Sample& sample) {
-  if (reader_.take_newest(std::as_writable_bytes(std::span(record_)))) (void)read();
+bool LiveRun::Watch::pop_newest(Sample& sample) {
+  if (reader_.pop_newest(std::as_writable_bytes(std::span(record_)))) (void)read();
   return take(sample);
 }
 
@@ -248,7 +248,7 @@ bool LiveRun::Watch::wait(std::int64_t deadline) {
 }
 
 /// A free client of the service, or a new one.
-LiveRun::Control::Slot* LiveRun::take_slot() {
+LiveRun::Control::Slot* LiveRun::reserve_slot() {
   const std::lock_guard lock(mutex_);
   for (const auto& slot : slots_) {
     Calls::Answer late;
@@ -268,7 +268,7 @@ LiveRun::Control::Slot* LiveRun::take_slot() {
   return slots_.back().get();
 }
 
-LiveRun::Control::Control(std::shared_ptr<LiveRun> run) : run_(std::move(run)), slot_(run_->take_slot()) {}
+LiveRun::Control::Control(std::shared_ptr<LiveRun> run) : run_(std::move(run)), slot_(run_->reserve_slot()) {}
 
 LiveRun::Control::~Control() {
   if (open_) slot_->client->cancel(*open_);

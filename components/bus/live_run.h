@@ -148,7 +148,7 @@ class LiveRun {
     /// The oldest record that was not taken; false: there is none.
     bool take(Sample& sample);
     /// The newest record; earlier ones are left out.
-    bool take_newest(Sample& sample);
+    bool pop_newest(Sample& sample);
     /// Waits for a record until CLOCK_MONOTONIC reaches `deadline`, ns. False: there is none.
     bool wait(std::int64_t deadline = kNever);
     /// Whether take() has one.
@@ -240,10 +240,10 @@ class LiveRun {
   using Calls = Service<Call, Answer>;
 
   /// The plan, if it has changed since the last call.
-  bool take_plan(Plan& plan);
-  /// Whether somebody wants a record now.
+  bool pop_plan(Plan& plan);
+  /// Whether a client has requested a record.
   bool requested() const { return requested_.load(std::memory_order_relaxed); }
-  bool take_request() { return requested_.exchange(false); }
+  bool pop_request() { return requested_.exchange(false); }
   /// `record`: a RecordHeader and a double per place of the plan.
   void publish(std::span<const std::byte> record) { feed_.publish(record); }
   Calls& calls() { return calls_; }
@@ -264,7 +264,7 @@ class LiveRun {
               std::uint64_t& since);
   void deselect(std::span<const std::size_t> slots, std::int64_t every);
   void pass_plan();
-  Control::Slot* take_slot();
+  Control::Slot* reserve_slot();
 
   const RunFacts facts_;
   std::vector<LiveSignal> signals_;
@@ -291,7 +291,7 @@ class LiveRun {
   std::vector<std::unique_ptr<Control::Slot>> slots_;  // each of a client; in use by one Control or none
 };
 
-/// A unit that wants to see and influence the run that it is in. The master calls observe() once, after the initialisation of all
+/// A unit that reads and changes the run that it is part of. The master calls observe() once, after the initialisation of all
 /// units. The unit may keep the run and use it on other threads, also after its end.
 class RunObserver {
  public:

@@ -63,7 +63,7 @@ bool UdpTransport::send(std::span<const std::byte> message) {
 
 std::span<const std::byte> UdpTransport::receive() {
   std::span<const std::byte> message;
-  while (examined_ < kMostAtOnce && take_datagram(message)) {
+  while (examined_ < kMostAtOnce && read_datagram(message)) {
     ++examined_;
     if (!message.empty()) return message;
   }
@@ -72,7 +72,7 @@ std::span<const std::byte> UdpTransport::receive() {
 }
 
 /// False: no datagram has arrived. `message`: the one that it completes.
-bool UdpTransport::take_datagram(std::span<const std::byte>& message) {
+bool UdpTransport::read_datagram(std::span<const std::byte>& message) {
   const std::optional<net::UdpSocket::Received> datagram = socket_.receive(datagram_);
   if (!datagram) return false;
   if (datagram->from != peer_) {
@@ -81,7 +81,7 @@ bool UdpTransport::take_datagram(std::span<const std::byte>& message) {
   }
   ++counts_.received;
   counts_.received_bytes += datagram->size;
-  message = take_fragment(std::as_bytes(std::span(datagram_).first(std::min(datagram->size, datagram_.size()))));
+  message = add_fragment(std::as_bytes(std::span(datagram_).first(std::min(datagram->size, datagram_.size()))));
   return true;
 }
 
@@ -96,7 +96,7 @@ UdpTransport::Partial& UdpTransport::partial_of(std::uint32_t message) {
   return p;
 }
 
-std::span<const std::byte> UdpTransport::take_fragment(std::span<const std::byte> datagram) {
+std::span<const std::byte> UdpTransport::add_fragment(std::span<const std::byte> datagram) {
   FragmentHeader h;
   const auto damaged = [&]() -> std::span<const std::byte> {
     ++counts_.damaged;

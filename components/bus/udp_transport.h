@@ -59,8 +59,8 @@ class UdpTransport final : public Transport {
     std::uint64_t missing = 0;  // a bit per fragment
     std::vector<std::byte> buffer;
   };
-  bool take_datagram(std::span<const std::byte>& message);
-  std::span<const std::byte> take_fragment(std::span<const std::byte> datagram);
+  bool read_datagram(std::span<const std::byte>& message);
+  std::span<const std::byte> add_fragment(std::span<const std::byte> datagram);
   Partial& partial_of(std::uint32_t message);
 
   net::UdpSocket socket_;

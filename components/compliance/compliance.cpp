@@ -51,6 +51,7 @@ std::unique_ptr<CartesianMotion> cartesian(Settings& settings, const robot::Robo
 }  // namespace
 
 void Compliance::declare_settings(SettingList& s) {
+  s.set_first_variables({"q_d", "q", "tau_e", "q_c", "tau_m", "S_a", "M_a", "zeta_a", "K", "omega"});
   s.robot("a name in models/robots, or a path to a URDF file", true).required();
   s.choice("base", {"fixed", "floating"}, "the base of the robot is fixed or moves freely, for example a satellite's");
   s.choice("space", {"joints", "cartesian"}, "compliance of each joint, or of a frame of the robot (3a), (3b)");
@@ -109,12 +110,12 @@ Compliance::~Compliance() = default;
 void Compliance::initialise(Time) {
   checked_ = false;
   check();
-  take_spin();
+  update_spin();
   drive_in_force_ = drive_;
-  take_links();
+  update_links();
   in_force_ = wanted_;
   checked_ = true;
-  links_.take_bodies(place_);
+  links_.update_bodies(place_);
   warning_.clear();
   warning_.reserve(longest_warning(n_) + (cartesian_ ? CartesianMotion::longest_warning() : 0));  // a step allocates nothing
   for (std::size_t i = 0; i < n_; ++i) {
@@ -134,7 +135,7 @@ void Compliance::initialise(Time) {
   }
   add_load(0);
   tracking_.start(links_, reference(), load(), drive_in_force_);
-  tracking_.take_error(measured(), drive_in_force_);
+  tracking_.update_error(measured(), drive_in_force_);
   tracking_.torque(links_, reference(), load(), drive_in_force_, measured(), gains(), 0, tau_m_);
   finish_torques(0);
 }
@@ -148,14 +149,14 @@ void Compliance::initialise(Time) {
 StepResult Compliance::step(Time, Duration h) {
   const double seconds = h.seconds();
   check();
-  take_spin();
+  update_spin();
   if (cartesian_ && cartesian_->impedance()) {
     follow_tunables(seconds);
     impede(seconds);
     finish_torques(seconds);
     return StepResult::kDone;
   }
-  tracking_.take_error(measured(), drive_in_force_);
+  tracking_.update_error(measured(), drive_in_force_);
   follow_tunables(seconds);
   brake_by_saturation(seconds);
   move_compliantly(seconds);
@@ -167,7 +168,7 @@ StepResult Compliance::step(Time, Duration h) {
 }
 
 /// The momentum of a floating robot, in the axes of its base.
-void Compliance::take_spin() {
+void Compliance::update_spin() {
   if (!floating_) return;
   const Eigen::Quaterniond Q(base_quat_[0], base_quat_[1], base_quat_[2], base_quat_[3]);
   const Eigen::Vector3d spin(spin_[0], spin_[1], spin_[2]);
@@ -180,8 +181,8 @@ void Compliance::take_spin() {
 void Compliance::start_motion() {
   if (cartesian_) {
     cartesian_->start(links_, from_joints());
-    cartesian_->take_wrench(links_, from_joints(), tau_e_, tau_e_rate_);
-    take_cartesian_motion();
+    cartesian_->update_wrench(links_, from_joints(), tau_e_, tau_e_rate_);
+    update_cartesian_motion();
     std::ranges::fill(a_q_, 0);
     return;
   }
@@ -195,7 +196,7 @@ void Compliance::follow_tunables(double h) {
   const auto towards = [remaining](double value, double target) { return target + (value - target) * remaining; };
   if (!settled_) {
     follow(drive_in_force_, drive_, robot::kDriveParameters, remaining);
-    take_links();
+    update_links();
     follow(in_force_, wanted_, kGains, remaining);
   }
   if (cartesian_) cartesian_->follow(remaining, h);
@@ -214,7 +215,7 @@ void Compliance::follow_tunables(double h) {
 void Compliance::restored() {
   checked_ = false;
   copy_fixed(drive_in_force_, drive_, robot::kDriveParameters);
-  take_links();
+  update_links();
   links_.restored_bodies();
   if (cartesian_) cartesian_->restored();
 }
@@ -230,10 +231,10 @@ void Compliance::brake_by_saturation(double h) {
 void Compliance::move_frame_compliantly(double h) {
   for (std::size_t i = 0; i < n_; ++i) limits_[i] = limits(i);
   a_q_ = dq_c_;
-  cartesian_->take_wrench(links_, from_joints(), tau_e_, tau_e_rate_);
+  cartesian_->update_wrench(links_, from_joints(), tau_e_, tau_e_rate_);
   cartesian_->advance(links_, from_joints(), limits_, h);
   cartesian_->find_contact_stiffness(links_, drive_in_force_, gains(), elastic_bandwidth_, tau_e_acts_on_robot_, tau_max_, h);
-  take_cartesian_motion();
+  update_cartesian_motion();
   note_limits();
   for (std::size_t i = 0; i < n_; ++i) a_q_[i] = (dq_c_[i] - a_q_[i]) / h;
 }
@@ -247,18 +248,18 @@ void Compliance::note_limits() {
 
 /// render=impedance in place of admittance and tracking. Friction is fed forward at the speed of the desired motion.
 void Compliance::impede(double h) {
-  cartesian_->take_wrench(links_, from_joints(), tau_e_, tau_e_rate_);
+  cartesian_->update_wrench(links_, from_joints(), tau_e_, tau_e_rate_);
   for (std::size_t i = 0; i < n_; ++i) {
     limits_[i] = limits(i);
     tau_acting_[i] = tau_e_acts_on_robot_ ? tau_e_[i] : 0.0;
   }
   cartesian_->impede(links_, from_joints(), drive_in_force_, measured(), in_force_.shaping, limits_, tau_acting_, h, tau_m_);
-  take_cartesian_motion();
+  update_cartesian_motion();
   note_limits();
   tracking_.tau_c = tau_m_;
   tracking_.theta_c = theta_;
   tracking_.dtheta_c = dq_c_;
-  take_gravity();
+  update_gravity();
   for (std::size_t i = 0; i < n_; ++i) {
     robot::LinkSideParameters side = link_sides_[i];
     side.spring = {};  // part of the static torque
@@ -268,14 +269,14 @@ void Compliance::impede(double h) {
   }
 }
 
-void Compliance::take_cartesian_motion() {
+void Compliance::update_cartesian_motion() {
   const JointMotion& joints = cartesian_->joints();
   const auto copy = [](const Eigen::VectorXd& from, Joints& to) { std::copy(from.begin(), from.end(), to.begin()); };
   copy(joints.q, q_c_);
   copy(joints.dq, dq_c_);
   copy(joints.ddq, ddq_c_);
   limit_ = joints.met;
-  if (cartesian_->news()) write_warning();
+  if (cartesian_->warnings_changed()) write_warning();
 }
 
 void Compliance::move_compliantly(double h) {
@@ -305,7 +306,7 @@ void Compliance::move_compliantly(double h) {
 }
 
 void Compliance::add_load(double h) {
-  take_gravity();
+  update_gravity();
   for (std::size_t i = 0; i < n_; ++i) {
     tau_fl_[i] = link_sides_[i].at(q_c_[i], dq_c_[i], gravity_[i]).torque;
     load_mean_[i] = h > 0 ? (tau_fl_before_[i] + tau_fl_[i]) / 2 : tau_fl_[i];
@@ -325,13 +326,13 @@ double Compliance::motor_friction(std::size_t i, double h) {
   return robot::lugre(bristle, v, z_[i]).torque + drive_in_force_.tau_0[i];
 }
 
-void Compliance::take_gravity() {
+void Compliance::update_gravity() {
   if (std::ranges::all_of(drive_in_force_.link_load, [](double load) { return load == 0; })) return;
   const auto n = static_cast<Eigen::Index>(n_);
   links_.gravity(Eigen::Map<const Eigen::VectorXd>(q_c_.data(), n), Eigen::Map<Eigen::VectorXd>(gravity_.data(), n));
 }
 
-void Compliance::take_links() {
+void Compliance::update_links() {
   for (std::size_t i = 0; i < n_; ++i) link_sides_[i] = robot::link_side(drive_in_force_, i);
 }
 
@@ -353,7 +354,7 @@ void Compliance::finish_torques(double h) {
   }
 }
 
-void Compliance::note(std::size_t i, Met what) {
+void Compliance::note(std::size_t i, WarningBit what) {
   if ((met_[i] & what) != 0) return;
   met_[i] |= what;
   write_warning();

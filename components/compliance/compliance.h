@@ -86,22 +86,22 @@ class Compliance final : public Unit {
  private:
   Compliance(Settings& settings, const robot::RobotModel& robot, bool floating);
   /// Events that the run's summary names, as bits of `met`.
-  enum Met : std::int32_t { kTorque = 1, kPosition = 2, kSpeed = 4, kDesired = 8, kTank = 16 };
+  enum WarningBit : std::int32_t { kTorque = 1, kPosition = 2, kSpeed = 4, kDesired = 8, kTank = 16 };
 
   void check();
-  void take_spin();
+  void update_spin();
   void start_motion();
   void follow_tunables(double h);
   void move_compliantly(double h);
   void brake_by_saturation(double h);
   void move_frame_compliantly(double h);
-  void take_cartesian_motion();
+  void update_cartesian_motion();
   void note_limits();
   void impede(double h);
   CartesianMotion::FromJoints from_joints() const { return {q_d_, dq_d_, ddq_d_, q_, tau_e_, tau_e_rate_}; }
   void add_load(double h);
   void finish_torques(double h);
-  void note(std::size_t i, Met what);
+  void note(std::size_t i, WarningBit what);
   void write_warning();
   Limits limits(std::size_t i) const { return {q_min_[i], q_max_[i], dq_max_[i], braking_[i]}; }
   Reference reference() const { return {q_c_, dq_c_, ddq_c_, a_q_}; }
@@ -112,13 +112,13 @@ class Compliance final : public Unit {
     return {p.omega, p.zeta, p.Lambda, p.K_s, p.shaping, p.passivity[0]};
   }
   double motor_friction(std::size_t i, double h);
-  void take_gravity();
-  void take_links();
+  void update_gravity();
+  void update_links();
 
   std::string place_;  // for messages
   std::size_t n_ = 0;
   JointMeasures measures_;
-  Links links_;
+  LinkDynamics links_;
   bool floating_;
   std::unique_ptr<CartesianMotion> cartesian_;  // nullptr: compliance of the joints
 

@@ -43,7 +43,7 @@ class ContactWorld final : public Unit {
   /// Throws Error if an input is not finite, a joint parts or energy grows without work (World::fault).
   StepResult step(Time now, Duration h) override;
   void restored() override;
-  void tell(std::vector<std::string>& notes) const override;
+  void append_notes(std::vector<std::string>& notes) const override;
 
  private:
   struct Robot;

@@ -86,7 +86,7 @@ void Foundation::write(const Yielding& result) {
   pierced_ = result.pierced;
 }
 
-void Foundation::tell(std::vector<std::string>& notes) const {
+void Foundation::append_notes(std::vector<std::string>& notes) const {
   if (dent_ == 0 && !pierced_) return;
   notes.push_back("body '" + name_ + "' has yielded: dent " + text::to_text(1e3 * dent_, 4) + " mm, " +
                   text::to_text(yield_energy_, 4) + " J dissipated" + (pierced_ ? ", pierced" : ""));

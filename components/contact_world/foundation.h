@@ -27,7 +27,7 @@ class Foundation {
   /// To be called after the state in force was restored.
   void restored(World& world, std::size_t body) const;
   void write(const Yielding& result);
-  void tell(std::vector<std::string>& notes) const;
+  void append_notes(std::vector<std::string>& notes) const;
 
  private:
   std::string name_;

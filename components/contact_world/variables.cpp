@@ -7,6 +7,7 @@
 namespace cotwin::contact_world {
 
 void ContactWorld::declare_settings(SettingList& s) {
+  s.set_first_variables({"q", "dq", "tau_J", "tau_e", "f_c", "contacts", "penetration", "force", "gravity", "energy"});
   s.cell();
   s.choice("link_side", {"inside", "outside"},
            "which unit integrates the links of the robots: the drive train (q is an input) or this unit (q is an output)");

@@ -44,6 +44,7 @@ std::ptrdiff_t for_each_tunable(std::size_t joints, const Visit& visit) {
 }  // namespace
 
 void DriveTrain::declare_settings(SettingList& s) {
+  s.set_first_variables({"tau_m", "tau_e", "q", "dq", "theta", "tau_J", "tau_f", "q0", "K", "B"});
   s.robot("a name in models/robots, or a path to a URDF file; with link_side=outside it may be left out", true);
   s.integer("joints", 1, 1, 1000, "number of joints where there is no robot, with link_side=outside");
   s.choice("link_side", {"inside", "outside"},
@@ -147,7 +148,7 @@ DriveTrain::DriveTrain(Settings& settings, const Kind& kind)
     atol_speed_ = 1e-7;
   }
   if (!kind.robot) {
-    take_drives();
+    update_drives();
     return;
   }
   for (std::size_t i = 0; i < n_; ++i) {
@@ -159,7 +160,7 @@ DriveTrain::DriveTrain(Settings& settings, const Kind& kind)
     q0_[i] = robot::default_start(joint);
   }
   free_passive_joints();
-  take_drives();
+  update_drives();
 }
 
 DriveTrain::~DriveTrain() = default;
@@ -194,7 +195,7 @@ void DriveTrain::free_passive_joints() {
 }
 
 /// Sets all parameters in force to the wanted ones.
-void DriveTrain::take_drives() {
+void DriveTrain::update_drives() {
   equations_.parameters() = wanted_;
   equations_.adopt_parameters();
   write_drives();
@@ -226,7 +227,7 @@ bool DriveTrain::follow_bodies(double remaining) {
   if (!equations_.bodies().pending()) return false;
   const double before = energy_of_links();
   equations_.follow_bodies(place_, at_once ? 0 : remaining);
-  if (equations_.floating()) equations_.floating()->take_velocity(x_.data(), x_.data() + n_);
+  if (equations_.floating()) equations_.floating()->set_velocity(x_.data(), x_.data() + n_);
   energy_bodies_ += energy_of_links() - before;
   return true;
 }
@@ -250,10 +251,10 @@ void DriveTrain::initialise(Time start) {
   free_passive_joints();
   check_parameters();
   check_inputs(start);
-  take_drives();
+  update_drives();
   drives_before_step_ = drives_;  // allocates what steps need
   if (equations_.inside()) {
-    equations_.take_bodies(place_);
+    equations_.update_bodies(place_);
     bodies_before_step_ = equations_.bodies().in_force;
   }
   tool_changes_seen_ = tool_changes_;
@@ -274,7 +275,7 @@ void DriveTrain::initialise(Time start) {
   worst_error_ = 0;
   warning_.clear();
   warning_.reserve(kLongestWarning);  // a step allocates nothing
-  take_course(0);
+  update_course(0);
 
   // Start with θ at which the gear carries the links: the joint torque that balances (2a) at τ_J = 0 and q̈ = 0. Bristles as in
   // steady motion.
@@ -311,7 +312,7 @@ void DriveTrain::initialise(Time start) {
 }
 
 // The inputs as functions of the time in this step.
-void DriveTrain::take_course(double h) {
+void DriveTrain::update_course(double h) {
   Course& c = equations_.course();
   const bool ramp = input_order_ == 1 && h > 0;
   const bool arc = (link_order_ < 0 ? input_order_ : link_order_) == 1 && h > 0;
@@ -341,7 +342,7 @@ void DriveTrain::take_course(double h) {
 StepResult DriveTrain::step(Time now, Duration duration) {
   check_inputs(now);
   const double h = duration.seconds();
-  take_course(h);
+  update_course(h);
   const double tool_changes_before = tool_changes_seen_, energy_bodies_before = energy_bodies_;
   const bool follows = !uses_cvode(), with_bodies = equations_.inside();
   if (with_bodies) bodies_before_step_ = equations_.bodies().in_force;
@@ -372,7 +373,7 @@ StepResult DriveTrain::step(Time now, Duration duration) {
       tool_changes_seen_ = tool_changes_before;
       energy_bodies_ = energy_bodies_before;
       equations_.restored_bodies();
-      if (equations_.floating()) equations_.floating()->take_velocity(x_.data(), x_.data() + n_);
+      if (equations_.floating()) equations_.floating()->set_velocity(x_.data(), x_.data() + n_);
     }
     if (follows) {
       drives_ = drives_before_step_;

@@ -51,14 +51,14 @@ class DriveTrain final : public Unit {
   void check_parameters() const;
   void declare_stops_and_solver(Variables& variables);
   void free_passive_joints();
-  void take_drives();
+  void update_drives();
   bool follow_drives(double remaining);
   bool follow_bodies(double remaining);
   double energy_of_links();
   void write_drives();
   void adopt_drives();
   void check_inputs(Time now) const;
-  void take_course(double h);
+  void update_course(double h);
   void write_outputs(double h, const Point& end);
   void write_warning();
   bool uses_cvode() const { return cvode_ != nullptr; }

@@ -51,7 +51,7 @@ struct Equations::Dynamics {
 };
 
 robot::BodyParameters& Equations::bodies() { return dynamics_->bodies; }
-void Equations::take_bodies(const std::string& place) {
+void Equations::update_bodies(const std::string& place) {
   dynamics_->bodies.take(place, dynamics_->mechanism);
   if (floating_) floating_->update(dynamics_->bodies.robot());
 }

@@ -122,7 +122,7 @@ class Equations {
   bool has_load() const { return has_load_; }
   /// The links' inertial parameters; link inside. follow_bodies() returns whether anything changed.
   robot::BodyParameters& bodies();
-  void take_bodies(const std::string& place);
+  void update_bodies(const std::string& place);
   bool follow_bodies(const std::string& place, double remaining);
   void restored_bodies();
 

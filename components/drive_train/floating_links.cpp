@@ -93,12 +93,12 @@ void FloatingLinks::initialise(const double* q, const double* dq) {
   v_ = v0_;
   w_ = w0_;
   work_ = 0;
-  take_velocity(q, dq);
+  set_velocity(q, dq);
   hold(q, dq);
   write_outputs(q, dq);
 }
 
-void FloatingLinks::take_velocity(const double* q, const double* dq) {
+void FloatingLinks::set_velocity(const double* q, const double* dq) {
   const Quaterniond Q = attitude();
   floating_inertia(mechanism_, data_, joints(q), inertia_);
   Twist V;

@@ -27,7 +27,7 @@ class FloatingLinks {
   /// The base at the start of a run, for the joints' q and q̇.
   void initialise(const double* q, const double* dq);
   /// Sets the momenta and the centre of mass to those of the base's pose and twist, which stay: after the bodies were changed.
-  void take_velocity(const double* q, const double* dq);
+  void set_velocity(const double* q, const double* dq);
   /// The base's course over the next step: first at its present angular velocity, then from q, q̇, q̈ (n) at its beginning.
   void hold(const double* q, const double* dq);
   void begin_step(const double* q, const double* dq, const double* ddq);

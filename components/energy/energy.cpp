@@ -33,6 +33,8 @@ double sum(const std::vector<double>& x) { return std::accumulate(x.begin(), x.e
 }  // namespace
 
 void Energy::declare_settings(SettingList& s) {
+  s.set_first_variables(
+      {"tau_m", "theta", "dtheta", "drawn", "power", "supplied", "returned", "chopped", "peak_power", "cost"});
   s.robot(
       "the robot with the drives: joints without a motor draw nothing, and a file energy.ssv beside it has its values; a name "
       "in "
@@ -347,7 +349,7 @@ void Energy::restored() {
   write_warning();
 }
 
-void Energy::tell(std::vector<std::string>& sentences) const {
+void Energy::append_notes(std::vector<std::string>& sentences) const {
   const auto joule = [](double e) { return text::to_text(e, 5) + " J"; };
   sentences.push_back("drew " + joule(books_.drawn) + " from the mains in " + text::to_text(books_.time, 6) + " s: motors " +
                       joule(books_.mechanical()) + ", copper " + joule(sum(books_.copper)) + ", converters and iron " +

@@ -31,7 +31,7 @@ class Energy final : public Unit {
   /// Throws Error for inputs and tunables that are not finite or out of range.
   StepResult step(Time now, Duration h) override;
   void restored() override;
-  void tell(std::vector<std::string>& sentences) const override;
+  void append_notes(std::vector<std::string>& sentences) const override;
 
  private:
   using Joints = std::vector<double>;

@@ -150,6 +150,8 @@ struct Gateway::Running {
 };
 
 void Gateway::declare_settings(SettingList& s) {
+  s.set_first_variables(
+      {"address", "port", "tokens", "certificate", "key", "robot", "database", "commands", "mqtt", "requests"});
   s.text("robots", "robots", "folders with robots that requests may name, FOLDER/NAME/robot.urdf, separated by commas");
 }
 
@@ -245,8 +247,8 @@ void Gateway::write_outputs() {
 
 std::string Gateway::url() const { return running_ ? running_->server->url() : ""; }
 
-void Gateway::tell(std::vector<std::string>& sentences) const {
-  run_side_.tell(sentences);
+void Gateway::append_notes(std::vector<std::string>& sentences) const {
+  run_side_.append_notes(sentences);
   if (requests_ == 0) return;
   sentences.push_back("answered " + text::to_text(requests_) + " requests, of which " + text::to_text(refused_) +
                       " were refused");

@@ -26,7 +26,7 @@ class Gateway final : public Unit, public bus::RunObserver {
   StepResult step(Time now, Duration h) override;
   void observe(std::shared_ptr<bus::LiveRun> run) override { run_side_.observe(std::move(run)); }
   std::string url() const override;
-  void tell(std::vector<std::string>& sentences) const override;
+  void append_notes(std::vector<std::string>& sentences) const override;
   /// Stops the server; jobs that run go back to the queue.
   void end() noexcept override;
 

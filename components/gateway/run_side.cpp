@@ -143,7 +143,7 @@ void RunSide::end() noexcept {
   serve({});
 }
 
-void RunSide::tell([[maybe_unused]] std::vector<std::string>& sentences) const {
+void RunSide::append_notes([[maybe_unused]] std::vector<std::string>& sentences) const {
 #ifdef COTWIN_MQTT
   const auto p = plant();
   if (!p) return;

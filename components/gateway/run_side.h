@@ -35,7 +35,7 @@ class RunSide {
   void event(const std::string& topic, std::string json);
   /// Closes the streams of the run and leaves the broker. begin() may follow.
   void end() noexcept;
-  void tell(std::vector<std::string>& sentences) const;
+  void append_notes(std::vector<std::string>& sentences) const;
 
  private:
   mqtt::PlantReply command(const std::string& payload) const;

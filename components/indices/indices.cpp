@@ -35,6 +35,8 @@ constexpr const char* kNoLimit = "tau_max is not given for joints that then add 
 }  // namespace
 
 void Indices::declare_settings(SettingList& s) {
+  s.set_first_variables(
+      {"q", "dq", "u", "effective_mass", "effective_inertia", "speed", "v_max", "kin_v", "kin_v_lengths", "warning"});
   s.robot("a name in models/robots, or a path to a URDF file", true).required();
   s.text("frame", "",
          "frame E of the robot to which the indices belong: a link of the URDF; none: the end of the longest chain");
@@ -154,7 +156,7 @@ void Indices::EllipsoidPorts::write(const robot::Ellipsoid& ellipsoid, const Eig
   Eigen::Map<Eigen::Vector3d>(centre.data()) = R_WB * ellipsoid.centre;
 }
 
-void Indices::take_body_parts() {
+void Indices::read_body_parts() {
   parts_.clear();
   if (names_.empty()) return;
   const std::vector<robot::BodyPart> all = robot::load_body_parts(settings_.file(body_parts_));
@@ -195,7 +197,7 @@ void Indices::check() const {
 
 void Indices::initialise(Time) {
   check();
-  take_body_parts();
+  read_body_parts();
   bodies_.take(place_, mechanism_);
   adopt_bodies();
   B_ = drive_.B;
@@ -236,7 +238,7 @@ Eigen::Vector3d Indices::direction(const Eigen::Vector3d& v_E, const Eigen::Matr
 }
 
 /// Positions, speeds and torques of all joints.
-void Indices::take_motion(const Eigen::Matrix3d& R_WB) {
+void Indices::update_motion(const Eigen::Matrix3d& R_WB) {
   using Vector = Eigen::Map<const Eigen::VectorXd>;
   const auto n = static_cast<Eigen::Index>(q_.size());
   q_all_.tail(n) = Vector(q_.data(), n);
@@ -256,7 +258,7 @@ void Indices::compute() {
   const auto n = static_cast<Eigen::Index>(q_.size());
   const Eigen::Matrix3d R_WB =
       Eigen::Quaterniond(base_quat_[0], base_quat_[1], base_quat_[2], base_quat_[3]).normalized().toRotationMatrix();
-  take_motion(R_WB);
+  update_motion(R_WB);
   const Eigen::Map<const Eigen::VectorXd> B(B_.data(), held_ ? n : 0);
   robot::FrameInertia& f = inertia_at_E_;
   const robot::Mechanism& mechanism = floating_ ? floating_->mechanism.with_base() : mechanism_;
@@ -296,7 +298,7 @@ void Indices::compute() {
 }
 
 void Indices::compute_body_parts(double mass, double speed) {
-  bool news = false;
+  bool changed = false;
   for (std::size_t i = 0; i < parts_.size(); ++i) {
     const robot::BodyPart& part = parts_[i];
     const double force = (transient_ ? part.transient : part.quasi_static).on(area_);
@@ -305,9 +307,9 @@ void Indices::compute_body_parts(double mass, double speed) {
     v_max_[i] = force > 0 ? bounded(robot::speed_limit_of_force(force, part.stiffness, mu_[i])) : 0;
     if (fast_[i] != 0 || speed <= (1 - margin_) * v_max_[i] + kRounding) continue;
     fast_[i] = 1;
-    news = true;
+    changed = true;
   }
-  if (news) write_warning();
+  if (changed) write_warning();
 }
 
 void Indices::write_warning() {

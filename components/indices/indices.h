@@ -61,9 +61,9 @@ class Indices final : public Unit {
   void declare_ellipsoid(Variables& v, const std::string& name, EllipsoidPorts& e, const std::string& what,
                          const std::string& length, const std::string& measure, bool with_centre);
   void check() const;
-  void take_body_parts();
+  void read_body_parts();
   void adopt_bodies();
-  void take_motion(const Eigen::Matrix3d& R_WB);
+  void update_motion(const Eigen::Matrix3d& R_WB);
   void compute();
   void compute_body_parts(double mass, double speed);
   void write_warning();

@@ -23,7 +23,7 @@ class Io final : public Unit {
   StepResult step(Time now, Duration h) override;
   bool restorable() const override { return link_->restorable(); }
   TickSource* tick_source() override { return link_->tick_source(); }
-  void tell(std::vector<std::string>& sentences) const override { link_->tell(sentences); }
+  void append_notes(std::vector<std::string>& sentences) const override { link_->append_notes(sentences); }
   void end() noexcept override { link_->end(); }
 
  private:

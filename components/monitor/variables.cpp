@@ -5,6 +5,7 @@
 namespace cotwin::monitor {
 
 void Monitor::declare_settings(SettingList& s) {
+  s.set_first_variables({"q", "dq", "distance", "least_distance", "p_a", "p_b", "normal", "pair", "time_to_contact", "r"});
   s.cell({"hulls", "all"});
   s.choice("base", {"fixed", "floating"}, "the bases of the robots are fixed or move, for example on rails or in space");
   s.text("ignore", "",

@@ -67,6 +67,7 @@ struct OperatorHand::Gripped {
 };
 
 void OperatorHand::declare_settings(SettingList& s) {
+  s.set_first_variables({"p", "v", "tau_e", "f", "grip", "waypoint_t", "waypoint_p", "K_h", "D_h", "m_h"});
   s.robot("the robot whose frame is gripped, a name in models/robots or a path to a URDF file; none: p and v are inputs",
           false);
   s.text("frame", "", "with a robot: the frame that is gripped; none: the end of the longest chain");
@@ -102,9 +103,9 @@ OperatorHand::OperatorHand(Settings& settings, std::unique_ptr<Gripped> robot)
 
 OperatorHand::~OperatorHand() = default;
 
-void OperatorHand::take_axes() { R_ = unit_quaternion(axes_, "axes").toRotationMatrix(); }
+void OperatorHand::update_axes() { R_ = unit_quaternion(axes_, "axes").toRotationMatrix(); }
 
-void OperatorHand::take_path() {
+void OperatorHand::update_path() {
   using trajectory::Passing;
   const Passing passing =
       text::choose<Passing>("unit:operator_hand.passing", passing_, {{"rest", Passing::kRest}, {"through", Passing::kThrough}});
@@ -153,8 +154,8 @@ OperatorHand::Point OperatorHand::point(double h) {
 
 void OperatorHand::initialise(Time start) {
   check();
-  take_axes();
-  take_path();
+  update_axes();
+  update_path();
   origin_ = e_ = de_ = {};
   work_ = {};
   const Point p = point(0);

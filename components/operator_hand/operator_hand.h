@@ -59,8 +59,8 @@ class OperatorHand final : public Unit {
 
   OperatorHand(Settings& settings, std::unique_ptr<Gripped> robot);
   void check();
-  void take_axes();
-  void take_path();
+  void update_axes();
+  void update_path();
   double grip_at(double t) const;
   double stored(const Vector3& K, const Point& x_i, const Point& p) const;
   void take(Time now, Duration h, const Point& here);

@@ -80,7 +80,7 @@ scene::Cell Settings::cell() {
   options.unphysical = unphysical_of(choice("unphysical"));
   const auto place = [&](const std::string& name, const fs::path& urdf) {
     robot::UrdfOptions own = options;
-    take_joint_settings("unit:" + unit_, name, text("lock"), text("passive"), own);
+    read_joint_settings("unit:" + unit_, name, text("lock"), text("passive"), own);
     scene::PlacedRobot robot{name, robot::load_urdf(urdf, own, &found), {}};
     if (const std::string shapes = choice("robot_shapes"); shapes == "none") {
       robot.shapes.resize(robot.model.bodies.size() + 1);

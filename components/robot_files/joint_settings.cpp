@@ -25,7 +25,7 @@ bool strip(const std::string& robot, std::string_view& name) {
 
 }  // namespace
 
-void take_joint_settings(const std::string& place, const std::string& robot, const std::string& lock,
+void read_joint_settings(const std::string& place, const std::string& robot, const std::string& lock,
                          const std::string& passive, robot::UrdfOptions& options) {
   for_each_entry(lock, [&](std::string_view entry) {
     const std::size_t colon = entry.rfind(':');

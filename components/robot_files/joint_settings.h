@@ -7,7 +7,7 @@ namespace cotwin {
 
 /// Adds to `options` the entries of the settings `lock` and `passive` for a robot: those whose names begin with `robot` and a
 /// slash, or all where `robot` is "". Throws Error `place: lock=…` for an entry that is not joint:position.
-void take_joint_settings(const std::string& place, const std::string& robot, const std::string& lock,
+void read_joint_settings(const std::string& place, const std::string& robot, const std::string& lock,
                          const std::string& passive, robot::UrdfOptions& options);
 
 /// Throws Error for an entry of the settings that names a robot not in `robots`, of a unit with several robots.

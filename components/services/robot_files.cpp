@@ -81,7 +81,7 @@ std::string prismatic(std::string si) {
 }
 
 template <class Struct, class Table>
-bool take_row(const ParameterValue& v, const ParameterSet& set, const Table& table, bool prismatic_too, Struct& values) {
+bool read_row(const ParameterValue& v, const ParameterSet& set, const Table& table, bool prismatic_too, Struct& values) {
   const std::string name = vector_name(v);
   for (const auto& row : table) {
     if (name != row.name) continue;
@@ -130,7 +130,7 @@ robot::DriveParameters load_drives(const fs::path& file, const robot::RobotModel
   robot::DriveParameters drives(robot.joints.size());
   const ParameterSet set = load_parameter_set(file);
   for (const ParameterValue& v : set.values)
-    if (!take_row(v, set, robot::kDriveParameters, has_prismatic(robot), drives))
+    if (!read_row(v, set, robot::kDriveParameters, has_prismatic(robot), drives))
       check_other(v, "unit:drive_train", names_of(robot::kDriveParameters), kOtherOfDrives);
   return drives;
 }
@@ -177,7 +177,7 @@ EnergyData load_energy(const fs::path& file, const robot::RobotModel& robot) {
       take(v, one, 0, kLargest);
       *scalar.value = one[0];
     }
-    if (!take_row(v, set, energetics::kDriveLosses, has_prismatic(robot), e.losses))
+    if (!read_row(v, set, energetics::kDriveLosses, has_prismatic(robot), e.losses))
       check_other(v, "unit:energy", names, kOtherOfEnergy);
   }
   energetics::Accountant accountant(joints, energetics::Bus::kShared);

@@ -19,7 +19,7 @@ namespace cotwin::services {
 struct EnergyData {
   energetics::DriveLosses losses;
   energetics::Current current = energetics::Current::kDc;
-  energetics::Link link;
+  energetics::DcLink link;
   energetics::Supply supply;
   energetics::Standby standby;
   std::string sources, assumed;

@@ -30,16 +30,7 @@ Problem problem_of(const robot::RobotModel& robot, const Move& move) {
   p.ends = {move.from_q, zero, zero, move.to_q, zero, zero};
   p.degree = move.degree;
   p.drives = move.drives;
-  p.bounds = optimisation::bounds_of(robot);
-  const auto take = [](std::vector<double>& bound, const std::vector<double>& own) {
-    if (!own.empty()) bound = own;
-  };
-  take(p.bounds.q_min, move.bounds.q_min);
-  take(p.bounds.q_max, move.bounds.q_max);
-  take(p.bounds.dq, move.bounds.dq);
-  take(p.bounds.ddq, move.bounds.ddq);
-  take(p.bounds.dddq, move.bounds.dddq);
-  take(p.bounds.tau, move.bounds.tau);
+  p.bounds = optimisation::bounds_of(robot, move.bounds);
   for (const Quantity q :
        {Quantity::kTorque, Quantity::kWork, Quantity::kSharedWork, Quantity::kAcceleration, Quantity::kJerk}) {
     optimisation::CostTerm term;

@@ -220,7 +220,7 @@ std::optional<Arrival> SharedStates::wait(std::int64_t deadline) {
   }
 }
 
-void SharedStates::tell(std::vector<std::string>& sentences) const {
+void SharedStates::append_notes(std::vector<std::string>& sentences) const {
   if (!exchange_) return;
   if (subscribed_) {
     sentences.push_back("states of the peer " + peer_ + ": " + text::to_text(updates_, 12) + " updates, " +

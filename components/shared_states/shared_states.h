@@ -26,7 +26,7 @@ class SharedStates final : public Unit, private TickSource {
   void initialise(Time start) override;
   StepResult step(Time now, Duration h) override;
   bool restorable() const override { return false; }
-  void tell(std::vector<std::string>& sentences) const override;
+  void append_notes(std::vector<std::string>& sentences) const override;
   /// Ticks at the publications of the peer, whose times are the source's clock.
   TickSource* tick_source() override { return subscribed_ ? this : nullptr; }
 

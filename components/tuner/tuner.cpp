@@ -52,6 +52,7 @@ void expect_within(const char* place, double value, double least, double greates
 }  // namespace
 
 void Tuner::declare_settings(SettingList& s) {
+  s.set_first_variables({"q", "dq", "tau", "enabled", "mass", "first_moment", "inertia", "rms", "rms_floor", "latency"});
   s.robot("the prior: a name in models/robots, or a path to a URDF file", true).required();
   s.choice("friction", {"none", "coulomb", "sigmoid", "stribeck"}, "friction law that is identified");
   s.boolean("viscous", false, "whether viscous friction is identified").fallback_rule("true unless friction=none");
@@ -221,7 +222,7 @@ void Tuner::initialise(Time start) {
     std::copy_n(pi.data(), 10, estimate_.data() + 10 * i);
   }
   std::ranges::fill(tools_, 0.0);
-  take_tools();
+  update_tools();
   follow_tools();
   write_bodies();
   for (Values* v : {&tau_C_, &tau_S_, &sigma2_, &tau_0_, &rms_, &rms_prior_, &rms_floor_}) std::fill(v->begin(), v->end(), 0.0);
@@ -238,7 +239,7 @@ void Tuner::initialise(Time start) {
 }
 
 /// Makes the mechanism of the tools in force.
-void Tuner::take_tools() {
+void Tuner::update_tools() {
   has_tools_ = false;
   for (std::size_t i = 0; i < tool_robot_.bodies.size(); ++i) {
     const Eigen::Map<const Eigen::Matrix<double, 10, 1>> pi(tools_.data() + 10 * i);
@@ -275,7 +276,7 @@ bool Tuner::follow_tools() {
     for (std::size_t k = 0; k < 6; ++k) take(pi[4 + k], tool_inertia_[6 * i + k]);
   }
   if (changed) {
-    take_tools();
+    update_tools();
     write_bodies();
   }
   return changed || restarts;
@@ -396,7 +397,7 @@ void Tuner::restore_memory(const std::string& bytes) {
   check_restored();
   prepare();
   filter_.restored();
-  take_tools();
+  update_tools();
   robot_ = prior_;
   if (tunings_ > 0) {
     identification::Estimate last = identification::estimate_of(prior_);
@@ -436,7 +437,7 @@ StepResult Tuner::step(Time now, Duration h) {
   return StepResult::kDone;
 }
 
-void Tuner::tell(std::vector<std::string>& sentences) const {
+void Tuner::append_notes(std::vector<std::string>& sentences) const {
   if (samples_ > 0 || !warning_.empty()) return;
   if (is_told() && measurements_ == 0) {
     sentences.push_back("no measurement came (t_measured did not change while enabled), so nothing was learnt");

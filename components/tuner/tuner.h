@@ -51,7 +51,7 @@ class Tuner final : public Unit {
   /// Throws Error for values and bytes that no tuner saved, and with wait=false.
   void restore_memory(const std::string& bytes) override;
   bool restorable() const override { return wait_; }
-  void tell(std::vector<std::string>& sentences) const override;
+  void append_notes(std::vector<std::string>& sentences) const override;
 
   /// The robot with the last adopted estimate, without known tools; its history names each estimate. After a restore the history starts with the
   /// last estimate before the snapshot.
@@ -64,7 +64,7 @@ class Tuner final : public Unit {
 
   void free_passive_joints();
   bool follow_tools();
-  void take_tools();
+  void update_tools();
   void write_bodies();
   void prepare();
   void check_restored();

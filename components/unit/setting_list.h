@@ -5,6 +5,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 namespace cotwin {
@@ -60,6 +61,10 @@ class SettingList {
   /// `passive`.
   void cell(std::vector<std::string> shapes = {"all", "hulls", "none"});
 
+  /// At most ten variables that a first scenario with the unit needs, for its reference page.
+  void set_first_variables(std::vector<std::string> names) { first_variables_ = std::move(names); }
+  std::span<const std::string> first_variables() const { return first_variables_; }
+
   std::span<const Setting> all() const { return list_; }
   auto begin() const { return list_.begin(); }
   auto end() const { return list_.end(); }
@@ -73,6 +78,7 @@ class SettingList {
   void joints_of_robot(const std::string& several);
 
   std::vector<Setting> list_;
+  std::vector<std::string> first_variables_;
 };
 
 }  // namespace cotwin

@@ -12,16 +12,16 @@ constexpr std::uint64_t kMagic = 0x3250414e53575443u;  // the bytes "CTWSNAP2": 
 }  // namespace
 
 void Snapshot::take(const Variables& variables, Unit& unit) {
-  take_values(variables);
+  copy_values(variables);
   unit.save_memory(memory_);
 }
 
 void Snapshot::take(const Variables& variables) {
-  take_values(variables);
+  copy_values(variables);
   memory_.clear();
 }
 
-void Snapshot::take_values(const Variables& variables) {
+void Snapshot::copy_values(const Variables& variables) {
   fingerprint_ = variables.fingerprint();
   reals_.clear();
   integers_.clear();

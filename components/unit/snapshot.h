@@ -32,7 +32,7 @@ class Snapshot {
   friend bool operator==(const Snapshot&, const Snapshot&) = default;
 
  private:
-  void take_values(const Variables& variables);
+  void copy_values(const Variables& variables);
 
   std::uint64_t fingerprint_ = 0;
   std::vector<double> reals_;

@@ -51,7 +51,7 @@ class Unit {
   /// False for a unit whose step reaches outside (a bus, a robot) and cannot be taken back.
   virtual bool restorable() const { return true; }
   /// Whether going back to an earlier state is cheap: false for an FMU that needs a new instance for it.
-  virtual bool goes_back() const { return restorable(); }
+  virtual bool has_cheap_rollback() const { return restorable(); }
   /// The blocks of the unit's analytic Jacobian, if it has one; the list does not change after declare. Blocks that are not
   /// listed are 0: the output does not depend on the input or state at the same instant.
   virtual std::span<const Partial> partials() const { return {}; }
@@ -59,12 +59,12 @@ class Unit {
   /// of the unknown), of elementwise blocks only the diagonal. Call it after initialise. Changes no variable.
   virtual void evaluate_partials(std::span<double>) {}
   /// Appends sentences on the run so far, for the summary.
-  virtual void tell(std::vector<std::string>&) const {}
+  virtual void append_notes(std::vector<std::string>&) const {}
   /// The clock of the robot or bus that the unit is connected to, for a scenario whose ticks follow it; nullptr if there is
   /// none. Owned by the unit; does not change after declare.
   virtual TickSource* tick_source() { return nullptr; }
   /// The run is over, at its stop time or by an error or a signal: what the unit operates goes to its safe state. May wait, for less
-  /// than a second. Afterwards only tell() and initialise() are called. May be called repeatedly, and before initialise(). The
+  /// than a second. Afterwards only append_notes() and initialise() are called. May be called repeatedly, and before initialise(). The
   /// destructor of a unit that was not ended does the same.
   virtual void end() noexcept {}
 };

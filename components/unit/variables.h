@@ -22,7 +22,7 @@ enum class Kind : std::uint8_t { kReal, kInteger, kBoolean, kString };
 ///   output     holds at now + h after a step; others only read it
 ///   parameter  fixed from initialise on
 ///   tunable    a parameter that may change between two steps, and then without a jump
-///   state      what a step remembers; part of every snapshot, readable by all, written by the unit alone
+///   state      values kept from step to step; part of every snapshot, readable by all, written by the unit alone
 enum class Role : std::uint8_t { kInput, kOutput, kParameter, kTunable, kState };
 
 std::string_view name_of(Kind kind);

@@ -50,12 +50,6 @@ std::string_view name_of(IntervalVariability variability) {
   return word(kWords, variability);
 }
 
-const ModelVariable* find(const ModelDescription& description, std::uint32_t reference) {
-  const auto found = std::find_if(description.variables.begin(), description.variables.end(),
-                                  [&](const ModelVariable& v) { return v.reference == reference; });
-  return found == description.variables.end() ? nullptr : &*found;
-}
-
 namespace {
 
 /// `find_reference` returns the variable with a value reference, or nullptr.
@@ -108,18 +102,6 @@ auto found_in(const Map& map, const Key& key) -> typename Map::mapped_type {
 }
 
 }  // namespace
-
-std::size_t elements(const ModelDescription& description, const ModelVariable& variable,
-                     const std::map<std::uint32_t, std::uint64_t>& chosen) {
-  return count_elements(variable, chosen, [&](std::uint32_t reference) { return find(description, reference); });
-}
-
-Numeric effective(const ModelDescription& description, const ModelVariable& variable) {
-  if (variable.declared_type.empty()) return variable.numeric;
-  const auto type = std::find_if(description.types.begin(), description.types.end(),
-                                 [&](const TypeDefinition& t) { return t.name == variable.declared_type; });
-  return with_type(variable, type == description.types.end() ? nullptr : &*type);
-}
 
 DescriptionIndex::DescriptionIndex(const ModelDescription& description) : description_(description) {
   for (const TypeDefinition& type : description.types) types_.emplace(type.name, &type);

@@ -228,18 +228,7 @@ struct ModelDescription {
 /// The largest number of elements of an array, and of all variables of an FMU, that the importer accepts.
 inline constexpr std::uint64_t kMaxElements = 10'000'000;
 
-/// Returns the number of elements of a variable: the product of its dimensions. Structural parameters have the values in
-/// `chosen` (by value reference), else their start values. Throws Error above kMaxElements and for an unknown dimension.
-std::size_t elements(const ModelDescription& description, const ModelVariable& variable,
-                     const std::map<std::uint32_t, std::uint64_t>& chosen = {});
-
-/// Returns the variable with this value reference, in FMI 2 the first of several, or nullptr.
-const ModelVariable* find(const ModelDescription& description, std::uint32_t reference);
-
-/// Returns limits, unit and nominal value of a variable; what the variable lacks is taken from its declared type.
-Numeric effective(const ModelDescription& description, const ModelVariable& variable);
-
-/// Fast look-up of the same for many variables of one description, which must not change meanwhile.
+/// Look-up in a description, which must not change meanwhile.
 class DescriptionIndex {
  public:
   explicit DescriptionIndex(const ModelDescription& description);
@@ -248,8 +237,10 @@ class DescriptionIndex {
   const ModelVariable* variable(std::string_view name) const;
   const TypeDefinition* type(std::string_view name) const;
   const MeasurementUnit* unit(std::string_view name) const;
+  /// Limits, unit and nominal value of a variable; what the variable lacks is taken from its declared type.
   Numeric effective(const ModelVariable& variable) const;
-  /// Like fmu::elements.
+  /// Returns the number of elements of a variable: the product of its dimensions. Structural parameters have the values in
+  /// `chosen` (by value reference), else their start values. Throws Error above kMaxElements and for an unknown dimension.
   std::size_t elements(const ModelVariable& variable, const std::map<std::uint32_t, std::uint64_t>& chosen = {}) const;
 
  private:

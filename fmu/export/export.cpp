@@ -197,7 +197,7 @@ void Exported::terminate() {
   if (unit_ == nullptr) return;
   unit_->end();
   std::vector<std::string> notes;
-  unit_->tell(notes);
+  unit_->append_notes(notes);
   for (const std::string& note : notes) report(Status::kWarning, note);
 }
 

@@ -100,7 +100,7 @@ class Exported {
 
  private:
   /// The variable, or the element of one, with a value reference.
-  struct Slot {
+  struct ReferencedValue {
     const Variable* variable = nullptr;  // nullptr: time
     std::size_t first = 0, count = 1;
   };
@@ -129,11 +129,11 @@ class Exported {
   void in_unit(Call call);
   void initialise();
   void check_finite() const;
-  const Slot& slot(unsigned reference) const;
+  const ReferencedValue& slot(unsigned reference) const;
   template <class Element>
-  std::span<Element> elements(unsigned reference, const Slot& slot) const;
-  std::string name_of(const Slot& slot) const;
-  void check_writable(const Slot& slot) const;
+  std::span<Element> elements(unsigned reference, const ReferencedValue& slot) const;
+  std::string name_of(const ReferencedValue& slot) const;
+  void check_writable(const ReferencedValue& slot) const;
   const Saved& find(const void* saved) const;
   void find_partials();
   std::size_t check_reals(std::span<const unsigned> references) const;
@@ -143,7 +143,7 @@ class Exported {
   std::filesystem::path resources_;
   std::unique_ptr<Unit> unit_;  // nullptr after a reset that failed
   Variables variables_;
-  std::vector<Slot> slots_;
+  std::vector<ReferencedValue> slots_;
   std::vector<Variable> rates_;                    // FMI 3: the inputs der(u) (rate.h)
   std::vector<std::span<const double>> computed_;  // real outputs and states
   struct Block {

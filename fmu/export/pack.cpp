@@ -132,7 +132,7 @@ void add_libraries(const PackContent& content, const PackRequest& request, std::
 
 }  // namespace
 
-std::vector<ArchiveFile> take_files(Settings& settings, const Variables& variables, std::set<std::string>& names) {
+std::vector<ArchiveFile> collect_files(Settings& settings, const Variables& variables, std::set<std::string>& names) {
   std::vector<ArchiveFile> files;
   const auto take = [&](const fs::path& file) {
     std::string name = file.filename().string();
@@ -211,7 +211,7 @@ std::vector<std::string> pack_unit(const PackRequest& request, const fs::path& o
   const UnitType& type = find_type(source.unit, request.types);
 
   std::set<std::string> names = {kPackageFile};
-  std::vector<ArchiveFile> resources = take_files(settings, instance.variables, names);
+  std::vector<ArchiveFile> resources = collect_files(settings, instance.variables, names);
   pack({type, *instance.unit, instance.variables, packed_query(settings), settings.robot_used(), settings.cell_used(),
         std::move(resources)},
        request, out);

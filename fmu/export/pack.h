@@ -60,7 +60,7 @@ void pack(const PackContent& content, const PackRequest& request, const std::fil
 
 /// Returns the files that parameters and settings name, as resources/<name>, and changes both to the new names. `names`: names in
 /// use, extended by the new ones.
-std::vector<ArchiveFile> take_files(Settings& settings, const Variables& variables, std::set<std::string>& names);
+std::vector<ArchiveFile> collect_files(Settings& settings, const Variables& variables, std::set<std::string>& names);
 
 /// Returns the unit's settings without paths of this machine: robots and scenes are packed, so names replace their files.
 std::string packed_query(const Settings& settings);

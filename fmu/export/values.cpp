@@ -21,20 +21,20 @@ constexpr const char* kind_name() {
 
 }  // namespace
 
-const Exported::Slot& Exported::slot(unsigned reference) const {
+const Exported::ReferencedValue& Exported::slot(unsigned reference) const {
   if (reference < slots_.size()) return slots_[reference];
   throw Error("no variable has the value reference " + std::to_string(reference) + ", expected 0 to " +
               std::to_string(slots_.size() - 1));
 }
 
-std::string Exported::name_of(const Slot& slot) const {
+std::string Exported::name_of(const ReferencedValue& slot) const {
   if (slot.variable == nullptr) return "time";
   if (slot.count == slot.variable->size()) return slot.variable->name;
   return slot.variable->name + "[" + std::to_string(slot.first + 1) + "]";
 }
 
 template <class Element>
-std::span<Element> Exported::elements(unsigned reference, const Slot& slot) const {
+std::span<Element> Exported::elements(unsigned reference, const ReferencedValue& slot) const {
   if (slot.variable != nullptr) {
     if (const auto* all = std::get_if<std::span<Element>>(&slot.variable->storage)) return all->subspan(slot.first, slot.count);
   }
@@ -52,7 +52,7 @@ void Exported::get(std::span<const unsigned> references, std::span<Host> values)
     }
   };
   for (const unsigned reference : references) {
-    const Slot& s = slot(reference);
+    const ReferencedValue& s = slot(reference);
     if constexpr (std::is_same_v<Element, double>) {
       if (s.variable == nullptr) {
         check_size(1);
@@ -77,7 +77,7 @@ void Exported::get(std::span<const unsigned> references, std::span<Host> values)
   }
 }
 
-void Exported::check_writable(const Slot& slot) const {
+void Exported::check_writable(const ReferencedValue& slot) const {
   const bool before = (memory_.state & (kInstantiated | kInitialising)) != 0;
   if (slot.variable != nullptr) {
     switch (slot.variable->role) {
@@ -101,7 +101,7 @@ template <class Element, class Host>
 void Exported::set(std::span<const unsigned> references, std::span<const Host> values) {
   std::size_t n = 0;
   for (const unsigned reference : references) {  // checks everything before anything is written
-    const Slot& s = slot(reference);
+    const ReferencedValue& s = slot(reference);
     if (s.variable == nullptr) check_writable(s);
     const std::span<Element> to = elements<Element>(reference, s);
     check_writable(s);
@@ -151,14 +151,14 @@ template void Exported::set<std::string, const char*>(std::span<const unsigned>,
 
 Status Exported::set_rates(std::span<const unsigned> references, std::span<const int> orders, std::span<const double> values) {
   for (std::size_t i = 0; i < references.size(); ++i) {
-    const Slot& s = slot(references[i]);
+    const ReferencedValue& s = slot(references[i]);
     const bool input = s.variable != nullptr && s.variable->role == Role::kInput && s.variable->kind() == Kind::kReal;
     if (!input) throw Error(name_of(s), "expected a real input");
     if (orders[i] < 1) throw Error(name_of(s), "derivative of order " + std::to_string(orders[i]) + ", expected 1");
   }
   std::string held;
   for (std::size_t i = 0; i < references.size(); ++i) {
-    const Slot& s = slots_[references[i]];
+    const ReferencedValue& s = slots_[references[i]];
     if (orders[i] == 1 && !s.variable->rate.empty()) {
       s.variable->rate[s.first] = values[i];
     } else if (held.empty() && values[i] != 0) {
@@ -176,7 +176,7 @@ Status Exported::set_rates(std::span<const unsigned> references, std::span<const
 void Exported::output_derivatives(std::span<const unsigned> references, std::span<const int> orders, std::span<double> values) {
   std::size_t n = 0;
   for (std::size_t i = 0; i < references.size(); ++i) {
-    const Slot& s = slot(references[i]);
+    const ReferencedValue& s = slot(references[i]);
     if (orders[i] != 1) throw Error(name_of(s), "derivative of order " + std::to_string(orders[i]) + ", expected 1");
     const auto derivative = std::find_if(variables_.begin(), variables_.end(), [&](const Variable& v) {
       return s.variable != nullptr && v.derivative_of == s.variable->name;
@@ -204,11 +204,11 @@ void Exported::directional(std::span<const unsigned> unknowns, std::span<const u
                 " values, expected " + std::to_string(in) + " and " + std::to_string(out));
   }
   for (const unsigned reference : unknowns) {
-    const Slot& s = slots_[reference];
+    const ReferencedValue& s = slots_[reference];
     if (s.variable->role != Role::kOutput) throw Error(name_of(s), "is not an output, expected one as an unknown");
   }
   for (const unsigned reference : knowns) {
-    const Slot& s = slots_[reference];
+    const ReferencedValue& s = slots_[reference];
     const bool of_a_block = std::any_of(blocks_.begin(), blocks_.end(), [&](const Block& b) { return b.known == s.variable; });
     if (s.variable->role != Role::kInput && !of_a_block)
       throw Error(name_of(s), "is neither input nor state, expected one as a known");
@@ -218,10 +218,10 @@ void Exported::directional(std::span<const unsigned> unknowns, std::span<const u
   std::fill(sensitivity.begin(), sensitivity.end(), 0.0);
   std::size_t row = 0;
   for (const unsigned u : unknowns) {
-    const Slot& unknown = slots_[u];
+    const ReferencedValue& unknown = slots_[u];
     std::size_t column = 0;
     for (const unsigned k : knowns) {
-      const Slot& known = slots_[k];
+      const ReferencedValue& known = slots_[k];
       for (const Block& b : blocks_) {
         if (b.unknown != unknown.variable || b.known != known.variable) continue;
         for (std::size_t i = 0; i < unknown.count; ++i) {

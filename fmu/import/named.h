@@ -64,11 +64,11 @@ class Named final : public Unit, public StagedInitialisation, public DeclaredDep
     named([&] { unit_.restore_memory(bytes); });
   }
   bool restorable() const override { return unit_.restorable(); }
-  bool goes_back() const override { return unit_.goes_back(); }
+  bool has_cheap_rollback() const override { return unit_.has_cheap_rollback(); }
   bool follows(const Variable& output, std::size_t row, const Variable& input, std::size_t column) const override {
     return unit_.follows(output, row, input, column);
   }
-  void tell(std::vector<std::string>& notes) const override { unit_.tell(notes); }
+  void append_notes(std::vector<std::string>& notes) const override { unit_.append_notes(notes); }
 
  private:
   Made unit_;

@@ -62,7 +62,7 @@ class CallUnderWay {
   const char* outer_;
 };
 
-/// The same name, which the process that watches this one knows from now on.
+/// The same name, also for the process that watches this one.
 const char* known_function(const char* function) noexcept;
 
 /// Turns the exception that is being handled into an Error, because an FMU must not throw. An Error of this program that passed

@@ -141,7 +141,7 @@ void Host::answer() {
       return;
     case Verb::kTell: {
       std::vector<std::string> notes;
-      unit_->tell(notes);
+      unit_->append_notes(notes);
       channel_.clear_texts();
       for (const std::string& note : notes) channel_.append(note, out);
       return;

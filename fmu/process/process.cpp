@@ -428,7 +428,7 @@ void ProcessUnit::restore_memory(const std::string& bytes) {
   host_->call(Verb::kRestore);
 }
 
-void ProcessUnit::tell(std::vector<std::string>& notes) const {
+void ProcessUnit::append_notes(std::vector<std::string>& notes) const {
   if (!host_) return;
   if (const std::uint64_t bytes = host_->pass_on_output(); bytes > 0)
     notes.push_back("wrote " + std::to_string(bytes) + " bytes to stdout and stderr");

@@ -85,13 +85,13 @@ class ProcessUnit final : public Unit, public StagedInitialisation, public Decla
   void exit_initialisation() override;
   StepResult step(Time now, Duration h) override;
   bool restorable() const override { return restorable_; }
-  bool goes_back() const override { return goes_back_; }
+  bool has_cheap_rollback() const override { return goes_back_; }
   bool follows(const Variable& output, std::size_t row, const Variable& input, std::size_t column) const override {
     return declares_dependency(fmu_->description, output, row, input, column);
   }
   void save_memory(std::string& bytes) override;
   void restore_memory(const std::string& bytes) override;
-  void tell(std::vector<std::string>& notes) const override;
+  void append_notes(std::vector<std::string>& notes) const override;
   const std::vector<std::string>& warnings() const { return warnings_; }
 
  private:

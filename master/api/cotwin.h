@@ -212,7 +212,7 @@ struct ProgramVariable {
 class ProgramUnit {
  public:
   virtual ~ProgramUnit() = default;
-  /// The variables, once. Everything that a step remembers is a state, or passed by save() and restore().
+  /// The variables, once. Every value kept from step to step is a state, or passed by save() and restore().
   virtual std::vector<ProgramVariable> variables() = 0;
   /// Makes states and outputs agree with parameters and inputs; may be called repeatedly. \param t start time, s
   virtual void initialise(double t) = 0;

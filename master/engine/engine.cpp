@@ -13,9 +13,9 @@ namespace cotwin::master {
 
 namespace {
 
-std::vector<Signal> fed_signals(const std::vector<Link>& links) {
+std::vector<Signal> fed_signals(const std::vector<ResolvedConnection>& links) {
   std::vector<Signal> fed;
-  for (const Link& link : links) {
+  for (const ResolvedConnection& link : links) {
     if (!link.initial) fed.push_back(link.to);
   }
   return fed;
@@ -33,7 +33,7 @@ bool is_watched(const Variable& v) { return v.kind() == Kind::kReal && (v.role =
 
 Engine::Engine(const Scenario& scenario, std::span<Member> members, int threads, bool always_threads)
     : schedule(scenario, members, arrange_as_given(members)),
-      links(resolve_links(scenario, members)),
+      links(resolve_connections(scenario, members)),
       wiring(links, schedule, arrange_as_given(members).group_of),
       events(scenario, members, fed_signals(links)),
       bonds(scenario, members),
@@ -60,14 +60,16 @@ void Engine::arrange(const Arrangement& arrangement) {
   next_trial_ = kNever;
   stages_.clear();
   solvers_.clear();
-  for (Slot& slot : schedule.slots) slot.metered = bonds.meters(slot.member);
+  for (ScheduledUnit& slot : schedule.slots) slot.metered = bonds.meters(slot.member);
   for (auto stage = schedule.stages.begin(); stage != schedule.stages.end(); ++stage) {
     StageRun& run = stages_.emplace_back();
     run.slots = std::span(schedule.slots).subspan(stage->first, stage->last - stage->first);
-    const auto always_due = [&](const Slot& slot) { return slot.period == 1 && !(slot.once && scenario_.tolerance > 0); };
-    run.plain = std::ranges::all_of(run.slots, [&](const Slot& slot) { return always_due(slot) && !slot.metered; });
-    run.once = scenario_.tolerance > 0 && std::ranges::any_of(run.slots, &Slot::once);
-    run.ends_ramps = std::ranges::any_of(run.slots, [&](const Slot& slot) { return wiring.ramped(index(slot)); });
+    const auto always_due = [&](const ScheduledUnit& slot) {
+      return slot.period == 1 && !(slot.once && scenario_.tolerance > 0);
+    };
+    run.plain = std::ranges::all_of(run.slots, [&](const ScheduledUnit& slot) { return always_due(slot) && !slot.metered; });
+    run.once = scenario_.tolerance > 0 && std::ranges::any_of(run.slots, &ScheduledUnit::once);
+    run.ends_ramps = std::ranges::any_of(run.slots, [&](const ScheduledUnit& slot) { return wiring.ramped(index(slot)); });
     if (stage->group != kNoGroup) {
       solvers_.push_back(std::make_unique<GroupSolver>(run.slots, members_, links, bonds, scenario_.tolerance));
       run.solver = solvers_.back().get();
@@ -78,7 +80,8 @@ void Engine::arrange(const Arrangement& arrangement) {
     run.exchanged = std::span(schedule.slots).subspan(stage->first, last - stage->first);
     run.copies = wiring.copies(stage->first, last);
     run.every_tick = std::ranges::all_of(run.exchanged, always_due);
-    run.begins_ramps = std::ranges::any_of(run.exchanged, [&](const Slot& slot) { return wiring.ramped(index(slot)); });
+    run.begins_ramps =
+        std::ranges::any_of(run.exchanged, [&](const ScheduledUnit& slot) { return wiring.ramped(index(slot)); });
   }
   watched_rows_.clear();
   watched_values_.clear();
@@ -87,7 +90,7 @@ void Engine::arrange(const Arrangement& arrangement) {
 
 /// Joins variables that are adjacent in memory. Rows that are too short for vector instructions become single values.
 void Engine::watch_values() {
-  for (const Slot& slot : schedule.slots) {
+  for (const ScheduledUnit& slot : schedule.slots) {
     for (const Variable& v : members_[slot.member].variables()) {
       if (!is_watched(v) || v.size() == 0) continue;
       const std::span<const double> values = v.reals();
@@ -109,7 +112,7 @@ void Engine::watch_values() {
 
 Initialisation Engine::initialise(Time start) {
   arrange(arrange_as_given(members_));
-  for (Slot& slot : schedule.slots) slot.time = start;
+  for (ScheduledUnit& slot : schedule.slots) slot.time = start;
   constexpr int kReadings = 64;
   const auto begin = Clock::now();
   for (int i = 1; i < kReadings; ++i) (void)Clock::now();
@@ -118,7 +121,7 @@ Initialisation Engine::initialise(Time start) {
   events.retarget(tools.jumps());
   Initialisation result = initialise_units(members_, schedule, links, wiring, start);
   choose_groups(result);
-  for (Slot& slot : schedule.slots) slot.time = start;
+  for (ScheduledUnit& slot : schedule.slots) slot.time = start;
   bonds.start();
   for (const auto& solver : solvers_) solver->prepare();
   for (std::size_t g = 0; g < groups_.size(); ++g) {
@@ -148,7 +151,7 @@ void Engine::start_workers(int threads, bool always) {
   for (StageRun& stage : stages_) {
     if (stage.slots.size() < 2 || stage.solver != nullptr) continue;
     std::vector<bool> movable;
-    for (const Slot& slot : stage.slots) movable.push_back(slot.threads);
+    for (const ScheduledUnit& slot : stage.slots) movable.push_back(slot.threads);
     stage.unit_seconds.resize(movable.size());
     stage.balance = std::make_unique<Balance>(std::move(movable), wanted, barrier, always);
   }
@@ -175,7 +178,7 @@ std::size_t Engine::step_measured() {
 }
 
 std::size_t Engine::step_in_parts() {
-  for (Slot& slot : schedule.slots) slot.interval_begin = slot.time;
+  for (ScheduledUnit& slot : schedule.slots) slot.interval_begin = slot.time;
   std::size_t discarded_by = kNoSlot;
   Time begin = tick_.begin;
   for (part_ = 0; part_ < parts_ && discarded_by == kNoSlot && finished_by_ == kNoSlot; ++part_) {
@@ -206,25 +209,25 @@ std::size_t Engine::step_part(Time begin, Time end) {
   if (stage.every_tick) {
     for (const Wiring::Copy& copy : stage.copies) Wiring::run(copy);
   } else {
-    for (const Slot& slot : stage.exchanged) {
+    for (const ScheduledUnit& slot : stage.exchanged) {
       if (due(slot)) wiring.exchange(index(slot));
     }
   }
   if (!stage.begins_ramps) return;
-  for (const Slot& slot : stage.exchanged) {
+  for (const ScheduledUnit& slot : stage.exchanged) {
     if (wiring.ramped(index(slot)) && due(slot)) wiring.begin_ramps(schedule.slots, index(slot), target(slot));
   }
 }
 
 void Engine::end_ramps(const StageRun& stage) {
-  for (const Slot& slot : stage.slots) {
+  for (const ScheduledUnit& slot : stage.slots) {
     if (wiring.ramped(index(slot)) && due(slot)) wiring.end_ramps(index(slot));
   }
 }
 
 /// A unit that cannot be restored makes no second step in a tick, also if that of another unit is repeated.
 void Engine::note_stepped(const StageRun& stage) {
-  for (Slot& slot : stage.slots) slot.stepped = slot.once && slot.time >= tick_.end;
+  for (ScheduledUnit& slot : stage.slots) slot.stepped = slot.once && slot.time >= tick_.end;
 }
 
 [[gnu::always_inline]] inline std::size_t Engine::step_stage(StageRun& stage) {
@@ -236,7 +239,7 @@ void Engine::note_stepped(const StageRun& stage) {
 /// `kAllInOnePart`: all units are due, over the whole tick, and are not timed. Then nothing is asked per unit, which saves a
 /// third of the loop's own time where units are light.
 template <bool kAllInOnePart>
-[[gnu::always_inline]] inline std::size_t Engine::step_in_turn(std::span<Slot> slots) {
+[[gnu::always_inline]] inline std::size_t Engine::step_in_turn(std::span<ScheduledUnit> slots) {
   auto slot = slots.begin();
   const auto last = slots.end();
   const Time end = part_end_;
@@ -260,7 +263,7 @@ std::size_t Engine::step_on_threads(const StageRun& stage) {
   threads_used_ = workers_->threads();
   threaded_slots_ = stage.slots;
   workers_->run(stage.balance->thread_of(), step_on_worker, this);
-  for (const Slot& slot : stage.slots) {
+  for (const ScheduledUnit& slot : stage.slots) {
     if (!exceptions_[index(slot)]) continue;
     const std::exception_ptr exception = exceptions_[index(slot)];
     std::fill(exceptions_.begin(), exceptions_.end(), nullptr);
@@ -270,7 +273,7 @@ std::size_t Engine::step_on_threads(const StageRun& stage) {
       rethrow_named(slot, error);
     }
   }
-  for (const Slot& slot : stage.slots) {
+  for (const ScheduledUnit& slot : stage.slots) {
     if (!due(slot)) continue;
     const std::size_t i = index(slot);
     if (results_[i] == StepResult::kDiscard) return i;
@@ -281,7 +284,7 @@ std::size_t Engine::step_on_threads(const StageRun& stage) {
 
 void Engine::step_on_worker(void* context, std::size_t index_in_stage) {
   Engine& engine = *static_cast<Engine*>(context);
-  Slot& slot = engine.threaded_slots_[index_in_stage];
+  ScheduledUnit& slot = engine.threaded_slots_[index_in_stage];
   if (!engine.due(slot)) return;
   const std::size_t i = engine.index(slot);
   try {
@@ -292,7 +295,7 @@ void Engine::step_on_worker(void* context, std::size_t index_in_stage) {
 }
 
 /// One unit over the tick or its present part, timed where the tick is.
-StepResult Engine::step_due(Slot& slot) {
+StepResult Engine::step_due(ScheduledUnit& slot) {
   if (!timed_) return slot.metered ? step_metered(slot, target(slot)) : step_slot(slot, target(slot));
   const auto begin = Clock::now();
   const StepResult result = slot.metered ? step_metered(slot, target(slot)) : step_slot(slot, target(slot));
@@ -303,7 +306,7 @@ StepResult Engine::step_due(Slot& slot) {
   return result;
 }
 
-StepResult Engine::step_metered(Slot& slot, Time end) {
+StepResult Engine::step_metered(ScheduledUnit& slot, Time end) {
   const Duration h = end - slot.time;
   bonds.begin(slot.member, h);
   const StepResult result = step_slot(slot, end);
@@ -316,7 +319,7 @@ std::size_t Engine::solve(StageRun& stage, Time begin, Time end) {
   const std::size_t first = index(stage.slots.front()), count = stage.slots.size();
   const std::span<double> seconds = timed_ ? std::span(seconds_).subspan(first, count) : std::span<double>();
   std::ranges::fill(seconds, 0);
-  const Slot* discarded_by = stage.solver->step(begin, end, seconds);
+  const ScheduledUnit* discarded_by = stage.solver->step(begin, end, seconds);
   for (std::size_t i = first; i < first + seconds.size(); ++i) {
     seconds_sum_[i] += seconds_[i];
     ++samples_[i];
@@ -326,7 +329,7 @@ std::size_t Engine::solve(StageRun& stage, Time begin, Time end) {
   return kNoSlot;
 }
 
-void Engine::rethrow_named(const Slot& slot, const Error& error) const {
+void Engine::rethrow_named(const ScheduledUnit& slot, const Error& error) const {
   throw Error(name(index(slot)) + " at t = " + text::to_text(slot.time.seconds()) + " s", error.what());
 }
 
@@ -394,7 +397,7 @@ std::string Engine::loop_of(std::size_t member) const {
 
 void Engine::report_non_finite(Time now) const {
   std::string first;
-  for (const Slot& slot :
+  for (const ScheduledUnit& slot :
        schedule.slots) {  // in the order of stepping: the first one found is the origin, unless it is in a loop
     const Member& member = members_[slot.member];
     const std::string loop = loop_of(slot.member);

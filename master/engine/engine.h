@@ -55,7 +55,7 @@ class Engine {
 
   /// Call before the first step_between() of a tick.
   void begin_tick() {
-    for (Slot& slot : schedule.slots) slot.stepped = false;
+    for (ScheduledUnit& slot : schedule.slots) slot.stepped = false;
   }
   /// Steps from `begin` to `end` within the tick. Units that cannot be restored step once, over the whole tick, in the first
   /// part; units with a period in the last one. Returns as step().
@@ -109,10 +109,10 @@ class Engine {
   const std::string& name(std::size_t slot) const { return members_[schedule.slots[slot].member].name(); }
 
   /// What lets the values of loops not grow any more.
-  struct Remedy {
+  struct CouplingChange {
     std::vector<bool> solved;              // per loop of continuous connections
     std::vector<GroupSolver::Rule> rules;  // likewise, for units that hold their inputs
-    friend bool operator==(const Remedy&, const Remedy&) = default;
+    friend bool operator==(const CouplingChange&, const CouplingChange&) = default;
   };
   /// Call after each tick: whether the values of a loop change more and more (GrowthWatch).
   bool watch_growth() {
@@ -121,15 +121,15 @@ class Engine {
     return grows;
   }
   /// Call where watch_growth() is true: what would end the growth; nothing if the values may do what they do. Throws Error naming the members of a
-  /// loop whose values diverge without a remedy.
-  std::optional<Remedy> find_remedy(Time now, Duration tick);
-  /// Measures the gains of the loops that step explicitly with coupling=auto, and returns what find_remedy does. `tick`: length of one.
-  std::optional<Remedy> watch_loops(Time now, Duration tick);
-  /// Call between two ticks. Solves or steps the loops as the remedy says, from here on. Allocates.
-  void apply(const Remedy& remedy);
+  /// loop whose values diverge without a change.
+  std::optional<CouplingChange> find_coupling_change(Time now, Duration tick);
+  /// Measures the gains of the loops that step explicitly with coupling=auto, and returns what find_coupling_change does. `tick`: length of one.
+  std::optional<CouplingChange> watch_loops(Time now, Duration tick);
+  /// Call between two ticks. Solves or steps the loops as the change says, from here on. Allocates.
+  void apply(const CouplingChange& change);
   /// Whether values of a loop change more than before.
   bool is_rising() const { return std::ranges::any_of(growth_, &GrowthWatch::is_rising); }
-  /// Whether a remedy is possible in this run.
+  /// Whether a change is possible in this run.
   bool may_change() const;
   /// The loops with their gain in a tick and their stability border, whatever the coupling of the scenario. A loop with a unit
   /// without a cheap way back, or with more than `most_unknowns` unknowns, is not measured. Call after initialise(start) and
@@ -140,7 +140,7 @@ class Engine {
   /// Loops whose values are probably wrong, because they step explicitly.
   std::vector<std::string> loop_warnings() const;
   /// Whether a connection is solved for, so that its input is known at the end of the step.
-  bool solves(const Link& link) const;
+  bool solves(const ResolvedConnection& link) const;
 
   /// Numbers of the coupling on which the next step depends, and the energies of the bonds. Their number changes in initialise()
   /// only.
@@ -153,7 +153,7 @@ class Engine {
   bool is_coupling(std::span<const double> numbers) const;
 
   Schedule schedule;
-  std::vector<Link> links;
+  std::vector<ResolvedConnection> links;
   Wiring wiring;
   Events events;
   Bonds bonds;
@@ -164,17 +164,17 @@ class Engine {
 
   /// What the engine needs to step a stage.
   struct StageRun {
-    std::span<Slot> slots;
-    std::span<const Slot> exchanged;       // slots that get their inputs before this stage; none if they have got them
-    std::span<const Wiring::Copy> copies;  // into all of these
-    bool every_tick = true;                // all of these are due in every tick and part of it
-    bool begins_ramps = false;             // one of these has an input that is followed linearly
-    bool ends_ramps = false;               // one of `slots` has
-    bool once = false;                     // in steps to a tolerance: one of `slots` steps over whole ticks only
-    bool plain = true;                     // all of `slots` are due in every tick and part of it, and none is metered
-    GroupSolver* solver = nullptr;         // if the stage is a solved group
-    std::unique_ptr<Balance> balance;      // if the stage may be spread over threads
-    std::vector<double> unit_seconds;      // per slot, of the timed tick
+    std::span<ScheduledUnit> slots;
+    std::span<const ScheduledUnit> exchanged;  // slots that get their inputs before this stage; none if they have got them
+    std::span<const Wiring::Copy> copies;      // into all of these
+    bool every_tick = true;                    // all of these are due in every tick and part of it
+    bool begins_ramps = false;                 // one of these has an input that is followed linearly
+    bool ends_ramps = false;                   // one of `slots` has
+    bool once = false;                         // in steps to a tolerance: one of `slots` steps over whole ticks only
+    bool plain = true;                         // all of `slots` are due in every tick and part of it, and none is metered
+    GroupSolver* solver = nullptr;             // if the stage is a solved group
+    std::unique_ptr<Balance> balance;          // if the stage may be spread over threads
+    std::vector<double> unit_seconds;          // per slot, of the timed tick
   };
 
   /// Adding one to the exponent of a NaN or an infinity, which is all ones, sets the sign bit. This needs no branch and
@@ -201,30 +201,30 @@ class Engine {
   std::size_t step_stage(StageRun& stage);
   std::size_t solve(StageRun& stage, Time begin, Time end);
   template <bool kAllInOnePart>
-  std::size_t step_in_turn(std::span<Slot> slots);
+  std::size_t step_in_turn(std::span<ScheduledUnit> slots);
   std::size_t step_on_threads(const StageRun& stage);
   static void step_on_worker(void* engine, std::size_t index);
-  StepResult step_slot(Slot& slot, Time end) {
+  StepResult step_slot(ScheduledUnit& slot, Time end) {
     slot.last_step = end - slot.time;
     const StepResult result = slot.unit->step(slot.time, slot.last_step);
     slot.time = end;
     return result;
   }
-  StepResult step_metered(Slot& slot, Time end);
-  StepResult step_due(Slot& slot);
-  [[noreturn]] void rethrow_named(const Slot& slot, const Error& error) const;
+  StepResult step_metered(ScheduledUnit& slot, Time end);
+  StepResult step_due(ScheduledUnit& slot);
+  [[noreturn]] void rethrow_named(const ScheduledUnit& slot, const Error& error) const;
 
   void begin_trial();
   void end_trial_tick(double seconds);
   void report_costs();
   void find_next_trial();
 
-  std::size_t index(const Slot& slot) const { return static_cast<std::size_t>(&slot - schedule.slots.data()); }
-  bool due(const Slot& slot) const {
+  std::size_t index(const ScheduledUnit& slot) const { return static_cast<std::size_t>(&slot - schedule.slots.data()); }
+  bool due(const ScheduledUnit& slot) const {
     return schedule.due(slot, tick_) && (slot.once ? !slot.stepped : slot.period == 1 || last_part_);
   }
   /// Where the present step of the slot ends.
-  Time target(const Slot& slot) const {
+  Time target(const ScheduledUnit& slot) const {
     if (parts_ > 1) return cut(slot.interval_begin, tick_.end, part_, parts_);
     return slot.once ? tick_.end : part_end_;
   }
@@ -235,22 +235,22 @@ class Engine {
   std::vector<LoopReport> loops_;                 // counts: see solvers_
   std::vector<std::vector<std::size_t>> groups_;  // members of loops_
   /// A loop that can be measured, with its own list of slots.
-  struct Gauge {
+  struct LoopProbe {
     std::size_t loop = 0;
-    std::vector<Slot> slots;
+    std::vector<ScheduledUnit> slots;
     std::unique_ptr<GroupSolver> solver;
     std::unique_ptr<ExplicitSteps> steps;
   };
-  Gauge gauge(std::size_t loop);
+  LoopProbe make_probe(std::size_t loop);
   [[noreturn]] void fail_diverging(std::size_t loop, double factor, Time now) const;
-  static GroupSolver::Rule rule_for(const Gauge& gauge, Time now, Duration tick);
-  void measure_gain(const Gauge& gauge, Time now, Duration tick);
+  static GroupSolver::Rule rule_for(const LoopProbe& probe, Time now, Duration tick);
+  void measure_gain(const LoopProbe& probe, Time now, Duration tick);
   void watch_all();
   bool may_diverge(std::size_t loop) const;
   bool is_free() const { return scenario_.clock.kind == ClockKind::kFree; }
   GroupSolver* solver_of(std::size_t loop) const;
-  Remedy present() const;
-  std::vector<Gauge> gauges_;        // of the loops that may be solved later
+  CouplingChange present() const;
+  std::vector<LoopProbe> probes_;    // of the loops that may be solved later
   std::vector<GrowthWatch> growth_;  // per loop of loops_
   std::vector<std::size_t> solver_of_loop_;
   Arrangement arrangement_;
@@ -272,7 +272,7 @@ class Engine {
   bool last_part_ = true;  // of the tick
   bool timed_ = false;
   std::size_t finished_by_ = kNoSlot;
-  std::span<Slot> threaded_slots_;              // of the stage on the workers
+  std::span<ScheduledUnit> threaded_slots_;     // of the stage on the workers
   std::vector<StepResult> results_;             // per slot, of steps on workers
   std::vector<std::exception_ptr> exceptions_;  // likewise
 

@@ -7,13 +7,13 @@
 
 namespace cotwin::master {
 
-InputError::InputError(const std::vector<Link>& links, std::span<const Member> members, double tolerance)
+InputError::InputError(const std::vector<ResolvedConnection>& links, std::span<const Member> members, double tolerance)
     : tolerance_(tolerance) {
   const auto steps_freely = [&](std::size_t m) {
     return members[m].spec.period == 1 && members[m].instance.unit->restorable();
   };
   std::size_t size = 0;
-  for (const Link& link : links) {
+  for (const ResolvedConnection& link : links) {
     if (!is_continuous(link) || !steps_freely(link.from.member) || !steps_freely(link.to.member)) continue;
     const double nominal = link.from.variable->nominal;
     sources_.push_back({&link, link.from.reals(), size, false, nominal > 0 ? nominal : kSmall});

@@ -22,7 +22,7 @@ class InputError {
  public:
   /// `tolerance`: relative to the largest magnitude that the variable has had, at least its nominal value (kSmall if it has
   /// none).
-  InputError(const std::vector<Link>& links, std::span<const Member> members, double tolerance);
+  InputError(const std::vector<ResolvedConnection>& links, std::span<const Member> members, double tolerance);
 
   /// Call after the initialisation.
   void start(const Engine& engine);
@@ -42,7 +42,7 @@ class InputError {
 
  private:
   struct Source {
-    const Link* link;
+    const ResolvedConnection* link;
     std::span<const double> values;
     std::size_t first;    // of its elements in the lists below
     bool linear = false;  // continued linearly

@@ -77,31 +77,31 @@ void Engine::choose_groups(const Initialisation& initialised) {
   loops_.clear();
   groups_ = coupled_groups(links, members_);
   const auto is_algebraic = [&](std::size_t m) { return std::ranges::count(initialised.loop, members_[m].name()) > 0; };
-  const auto goes_back = [&](std::size_t m) { return members_[m].instance.unit->goes_back(); };
+  const auto has_cheap_rollback = [&](std::size_t m) { return members_[m].instance.unit->has_cheap_rollback(); };
   const auto report = [&](const std::vector<std::size_t>& group) -> LoopReport& {
     LoopReport& loop = loops_.emplace_back();
     for (const std::size_t m : group) text::append(loop.members, members_[m].name());
     // One member alone may be in a loop with others.
     loop.algebraic = std::ranges::count_if(group, is_algebraic) >= std::min<std::ptrdiff_t>(2, std::ssize(group));
-    loop.unmeasurable = !std::ranges::all_of(group, goes_back);
+    loop.unmeasurable = !std::ranges::all_of(group, has_cheap_rollback);
     if (loop.unmeasurable && !loop.algebraic) loop.algebraic = is_declared_algebraic(links, members_, group);
     loop.unknowns = count_unknowns(links, group);
     return loop;
   };
   for (const std::vector<std::size_t>& group : groups_) report(group).solved = scenario_.coupling == CouplingChoice::kImplicit;
-  gauges_.clear();
+  probes_.clear();
   if (scenario_.coupling == CouplingChoice::kAuto) {
     const Time start = schedule.time(0);
     for (std::size_t g = 0; g < groups_.size(); ++g) {
       LoopReport& loop = loops_[g];
       if (loop.unmeasurable || loop.unknowns > kMostMeasured) continue;
-      gauges_.push_back(gauge(g));
-      measure_gain(gauges_.back(), start, first_tick());
-      if (!loop.needs_solving()) loop.grows = measure_growth(*gauges_.back().steps, start, first_tick(), kFirstTrial).grows;
+      probes_.push_back(make_probe(g));
+      measure_gain(probes_.back(), start, first_tick());
+      if (!loop.needs_solving()) loop.grows = measure_growth(*probes_.back().steps, start, first_tick(), kFirstTrial).grows;
       loop.solved = loop.needs_solving();
     }
-    std::erase_if(gauges_, [&](const Gauge& gauge) {
-      const LoopReport& loop = loops_[gauge.loop];
+    std::erase_if(probes_, [&](const LoopProbe& probe) {
+      const LoopReport& loop = loops_[probe.loop];
       return loop.solved || loop.unknowns > kMostWatched || !is_free();
     });
   }
@@ -133,23 +133,23 @@ void Engine::arrange_solved() {
   }
 }
 
-Engine::Gauge Engine::gauge(std::size_t loop) {
-  Gauge gauge;
-  gauge.loop = loop;
+Engine::LoopProbe Engine::make_probe(std::size_t loop) {
+  LoopProbe probe;
+  probe.loop = loop;
   for (const std::size_t m : groups_[loop]) {
-    Slot& slot = gauge.slots.emplace_back();
+    ScheduledUnit& slot = probe.slots.emplace_back();
     slot.unit = members_[m].instance.unit.get();
     slot.member = m;
   }
-  gauge.solver = std::make_unique<GroupSolver>(gauge.slots, members_, links, bonds, scenario_.tolerance);
-  gauge.steps = std::make_unique<ExplicitSteps>(scenario_, members_, links, groups_[loop]);
-  return gauge;
+  probe.solver = std::make_unique<GroupSolver>(probe.slots, members_, links, bonds, scenario_.tolerance);
+  probe.steps = std::make_unique<ExplicitSteps>(scenario_, members_, links, groups_[loop]);
+  return probe;
 }
 
 /// Keeps the largest gain of the run.
-void Engine::measure_gain(const Gauge& gauge, Time now, Duration tick) {
-  LoopReport& loop = loops_[gauge.loop];
-  const double gain = gauge.solver->loop_gain(now, tick);
+void Engine::measure_gain(const LoopProbe& probe, Time now, Duration tick) {
+  LoopReport& loop = loops_[probe.loop];
+  const double gain = probe.solver->loop_gain(now, tick);
   if (!(gain > loop.gain || std::isnan(loop.gain))) return;
   loop.gain = gain;
   loop.gain_time = now.seconds();
@@ -168,7 +168,7 @@ void Engine::watch_all() {
     std::vector<const double*> values;
     std::vector<double> magnitudes;
     const auto in_group = [&](std::size_t member) { return std::ranges::binary_search(groups[g], member); };
-    for (const Link& link : links) {
+    for (const ResolvedConnection& link : links) {
       if (!is_continuous(link) || !in_group(link.from.member) || !in_group(link.to.member)) continue;
       for (const double& value : link.from.reals()) {
         if (std::ranges::find(values, &value) != values.end()) continue;
@@ -190,25 +190,25 @@ bool Engine::may_diverge(std::size_t loop) const {
 bool Engine::may_change() const {
   bool holds = false;
   for (std::size_t g = 0; g < groups_.size(); ++g) holds = holds || (solver_of(g) != nullptr && may_diverge(g));
-  return !gauges_.empty() || (holds && is_free());
+  return !probes_.empty() || (holds && is_free());
 }
 
-Engine::Remedy Engine::present() const {
-  Remedy remedy;
+Engine::CouplingChange Engine::present() const {
+  CouplingChange change;
   for (std::size_t g = 0; g < groups_.size(); ++g) {
     const GroupSolver* const solver = solver_of(g);
-    remedy.solved.push_back(solver != nullptr);
-    remedy.rules.push_back(solver != nullptr ? solver->rule() : GroupSolver::Rule());
+    change.solved.push_back(solver != nullptr);
+    change.rules.push_back(solver != nullptr ? solver->rule() : GroupSolver::Rule());
   }
-  return remedy;
+  return change;
 }
 
-std::optional<Engine::Remedy> Engine::find_remedy(Time now, Duration tick) {
+std::optional<Engine::CouplingChange> Engine::find_coupling_change(Time now, Duration tick) {
   bool helps = false;  // something may
   for (std::size_t g = 0; g < growth_.size(); ++g) {
     GrowthWatch& watch = growth_[g];
     if (!watch.is_suspicious()) continue;
-    const bool measured = solver_of(g) == nullptr && std::ranges::find(gauges_, g, &Gauge::loop) != gauges_.end();
+    const bool measured = solver_of(g) == nullptr && std::ranges::find(probes_, g, &LoopProbe::loop) != probes_.end();
     if (measured || (solver_of(g) != nullptr && is_free() && watch.diverges())) {
       helps = true;
     } else if (watch.diverges()) {
@@ -218,32 +218,32 @@ std::optional<Engine::Remedy> Engine::find_remedy(Time now, Duration tick) {
     }
   }
   if (!helps) return std::nullopt;
-  const Remedy before = present();
-  Remedy remedy = before;
+  const CouplingChange before = present();
+  CouplingChange change = before;
   for (std::size_t g = 0; g < growth_.size(); ++g) {
     GrowthWatch& watch = growth_[g];
     if (!watch.is_suspicious()) continue;
-    const auto gauge = std::ranges::find(gauges_, g, &Gauge::loop);
+    const auto probe = std::ranges::find(probes_, g, &LoopProbe::loop);
     if (GroupSolver* const solver = solver_of(g)) {
       solver->choose_rule(now, tick);
-      remedy.rules[g] = solver->rule();
+      change.rules[g] = solver->rule();
       solver->set_rule(before.rules[g]);
-      if (remedy.rules[g] == before.rules[g]) fail_diverging(g, watch.factor(), now);
+      if (change.rules[g] == before.rules[g]) fail_diverging(g, watch.factor(), now);
     } else {
-      measure_gain(*gauge, now, tick);
+      measure_gain(*probe, now, tick);
       LoopReport& loop = loops_[g];
-      loop.grows = measure_growth(*gauge->steps, now, tick, kLaterTrial).grows;
-      remedy.solved[g] = loop.needs_solving() || watch.diverges();
-      if (remedy.solved[g]) remedy.rules[g] = rule_for(*gauge, now, tick);
+      loop.grows = measure_growth(*probe->steps, now, tick, kLaterTrial).grows;
+      change.solved[g] = loop.needs_solving() || watch.diverges();
+      if (change.solved[g]) change.rules[g] = rule_for(*probe, now, tick);
       watch.dismiss();
     }
   }
-  return remedy == before ? std::nullopt : std::optional(remedy);
+  return change == before ? std::nullopt : std::optional(change);
 }
 
-GroupSolver::Rule Engine::rule_for(const Gauge& gauge, Time now, Duration tick) {
-  gauge.solver->choose_rule(now, tick);
-  return gauge.solver->rule();
+GroupSolver::Rule Engine::rule_for(const LoopProbe& probe, Time now, Duration tick) {
+  probe.solver->choose_rule(now, tick);
+  return probe.solver->rule();
 }
 
 void Engine::fail_diverging(std::size_t loop, double factor, Time now) const {
@@ -261,45 +261,45 @@ void Engine::fail_diverging(std::size_t loop, double factor, Time now) const {
               " s their changes grow by a factor of " + text::to_text(factor, 3) + " per tick; expected " + expected);
 }
 
-std::optional<Engine::Remedy> Engine::watch_loops(Time now, Duration tick) {
-  const Remedy before = present();
-  Remedy remedy = before;
-  for (const Gauge& gauge : gauges_) {
-    if (solver_of(gauge.loop) != nullptr) continue;
-    measure_gain(gauge, now, tick);
-    if (!(loops_[gauge.loop].gain > kDoubtfulGain)) continue;
-    remedy.solved[gauge.loop] = true;
-    remedy.rules[gauge.loop] = rule_for(gauge, now, tick);
+std::optional<Engine::CouplingChange> Engine::watch_loops(Time now, Duration tick) {
+  const CouplingChange before = present();
+  CouplingChange change = before;
+  for (const LoopProbe& probe : probes_) {
+    if (solver_of(probe.loop) != nullptr) continue;
+    measure_gain(probe, now, tick);
+    if (!(loops_[probe.loop].gain > kDoubtfulGain)) continue;
+    change.solved[probe.loop] = true;
+    change.rules[probe.loop] = rule_for(probe, now, tick);
   }
-  return remedy == before ? std::nullopt : std::optional(remedy);
+  return change == before ? std::nullopt : std::optional(change);
 }
 
-void Engine::apply(const Remedy& remedy) {
+void Engine::apply(const CouplingChange& change) {
   std::vector<std::pair<Time, Duration>> progress;  // per member
   for (const std::size_t slot : schedule.slot_of)
     progress.emplace_back(schedule.slots[slot].time, schedule.slots[slot].last_step);
   const std::vector<LoopReport> reports = loops();
-  const Remedy before = present();
-  const bool other_order = remedy.solved != before.solved;
-  for (std::size_t g = 0; g < groups_.size(); ++g) loops_[g].solved = remedy.solved[g];
+  const CouplingChange before = present();
+  const bool other_order = change.solved != before.solved;
+  for (std::size_t g = 0; g < groups_.size(); ++g) loops_[g].solved = change.solved[g];
   if (other_order) {
     arrange_solved();
     for (std::size_t m = 0; m < progress.size(); ++m) {
-      Slot& slot = schedule.slots[schedule.slot_of[m]];
+      ScheduledUnit& slot = schedule.slots[schedule.slot_of[m]];
       std::tie(slot.time, slot.last_step) = progress[m];
     }
     for (const auto& solver : solvers_) solver->prepare();
   }
   for (std::size_t g = 0; g < groups_.size(); ++g) {
-    if (remedy.solved[g] != before.solved[g]) {
+    if (change.solved[g] != before.solved[g]) {
       loops_[g].solved_from =
-          remedy.solved[g] ? progress[groups_[g].front()].first.seconds() : std::numeric_limits<double>::quiet_NaN();
+          change.solved[g] ? progress[groups_[g].front()].first.seconds() : std::numeric_limits<double>::quiet_NaN();
     }
-    if (remedy.solved[g] != before.solved[g] || remedy.rules[g] != before.rules[g]) growth_[g].watch(may_diverge(g));
+    if (change.solved[g] != before.solved[g] || change.rules[g] != before.rules[g]) growth_[g].watch(may_diverge(g));
     GroupSolver* const solver = solver_of(g);
     if (solver == nullptr) continue;
     solver->set_counts(reports[g].counts);
-    if (other_order || solver->rule() != remedy.rules[g]) solver->set_rule(remedy.rules[g]);
+    if (other_order || solver->rule() != change.rules[g]) solver->set_rule(change.rules[g]);
   }
   if (other_order) start_workers(threads_, always_threads_);
 }
@@ -330,9 +330,9 @@ void Engine::restore_coupling(std::span<const double> numbers) {
   bool same = true;  // without allocations
   for (std::size_t g = 0; g < groups_.size(); ++g) same = same && is_solved(g) == (solver_of(g) != nullptr);
   if (!same) {
-    Remedy remedy = present();
-    for (std::size_t g = 0; g < groups_.size(); ++g) remedy.solved[g] = is_solved(g);
-    apply(remedy);
+    CouplingChange change = present();
+    for (std::size_t g = 0; g < groups_.size(); ++g) change.solved[g] = is_solved(g);
+    apply(change);
   }
   numbers = numbers.subspan(groups_.size());
   for (const auto& solver : solvers_) {
@@ -353,11 +353,11 @@ bool Engine::is_coupling(std::span<const double> numbers) const {
   for (const GrowthWatch& watch : growth_) size += watch.state_size();
   for (std::size_t g = 0; g < loops; ++g) {
     const GroupSolver* const solver = solver_of(g);
-    const auto gauge = std::ranges::find(gauges_, g, &Gauge::loop);
+    const auto probe = std::ranges::find(probes_, g, &LoopProbe::loop);
     const bool is_solved = numbers[g] == 1;
     if (!is_solved && numbers[g] != 0) return false;
-    if (is_solved) size += solver != nullptr ? solver->state_size() : gauge != gauges_.end() ? gauge->solver->state_size() : 0;
-    if (is_solved != (solver != nullptr) && gauge == gauges_.end()) return false;  // this loop never changes
+    if (is_solved) size += solver != nullptr ? solver->state_size() : probe != probes_.end() ? probe->solver->state_size() : 0;
+    if (is_solved != (solver != nullptr) && probe == probes_.end()) return false;  // this loop never changes
   }
   return size == numbers.size();
 }
@@ -367,7 +367,7 @@ std::vector<LoopReport> Engine::measure_loops(Time start, std::size_t most_unkno
   for (std::size_t g = 0; g < groups_.size(); ++g) {
     LoopReport& loop = result[g];
     if (loop.unmeasurable || loop.unknowns > most_unknowns) continue;
-    const Gauge measured = gauge(g);
+    const LoopProbe measured = make_probe(g);
     loop.gain = measured.solver->loop_gain(start, first_tick());
     if (std::isnan(loop.gain)) continue;
     loop.grows = measure_growth(*measured.steps, start, first_tick(), kFirstTrial).grows;
@@ -412,7 +412,7 @@ std::vector<std::string> Engine::loop_warnings() const {
   return warnings;
 }
 
-bool Engine::solves(const Link& link) const {
+bool Engine::solves(const ResolvedConnection& link) const {
   const std::size_t group = arrangement_.group_of[link.from.member];
   return group != kNoGroup && group == arrangement_.group_of[link.to.member] && is_continuous(link);
 }

@@ -35,7 +35,7 @@ void Checkpoint::take(std::int64_t tick, std::span<const Member> members, const 
   tick_ = tick;
   snapshots_.resize(members.size());
   progress_.resize(members.size());
-  for (const Slot& slot : engine.schedule.slots) {
+  for (const ScheduledUnit& slot : engine.schedule.slots) {
     const Member& member = members[slot.member];
     if (!slot.once) snapshots_[slot.member].take(member.variables(), *slot.unit);
     progress_[slot.member] = {slot.time, slot.last_step};
@@ -45,7 +45,7 @@ void Checkpoint::take(std::int64_t tick, std::span<const Member> members, const 
 }
 
 void Checkpoint::restore(std::span<const Member> members, Engine& engine) const {
-  for (Slot& slot : engine.schedule.slots) {
+  for (ScheduledUnit& slot : engine.schedule.slots) {
     if (slot.once) continue;
     snapshots_[slot.member].restore(members[slot.member].variables(), *slot.unit);
     slot.time = progress_[slot.member].time;
@@ -105,7 +105,7 @@ StepControl::StepControl(Engine& engine, std::span<const Member> members, double
 }
 
 void StepControl::initialise() {
-  if (not_restorable_ == nullptr) take_checkpoint(0);
+  if (not_restorable_ == nullptr) save_checkpoint(0);
   if (!input_error_) return;
   input_error_->start(engine_);
   step_begin_.take(0, members_, engine_);
@@ -113,7 +113,7 @@ void StepControl::initialise() {
   next_ = {};
 }
 
-bool StepControl::take_checkpoint(std::int64_t tick) {
+bool StepControl::save_checkpoint(std::int64_t tick) {
   const std::int64_t regular = (checkpoint_.tick() / kCheckpointEvery + 1) * kCheckpointEvery;
   const bool may_wait = checkpoint_.tick() >= 0 && next_checkpoint_ >= regular && tick < regular + kMostWaiting;
   if (may_wait && engine_.is_rising() && engine_.may_change()) {
@@ -122,7 +122,7 @@ bool StepControl::take_checkpoint(std::int64_t tick) {
   }
   if (tick > 0 && tick % kWatchEvery == 0 && !input_error_) {
     const Tick next = engine_.schedule.tick(tick);
-    if (const auto remedy = engine_.watch_loops(next.begin, next.end - next.begin)) engine_.apply(*remedy);
+    if (const auto change = engine_.watch_loops(next.begin, next.end - next.begin)) engine_.apply(*change);
   }
   checkpoint_.take(tick, members_, engine_);
   find_next_checkpoint(tick);
@@ -131,23 +131,23 @@ bool StepControl::take_checkpoint(std::int64_t tick) {
 
 std::size_t StepControl::end_growth(const Tick& tick) {
   constexpr int kMostTimes = 3;
-  const std::optional<Engine::Remedy> remedy = engine_.find_remedy(tick.end, tick.end - tick.begin);
-  if (!remedy) return Engine::kNoSlot;
+  const std::optional<Engine::CouplingChange> change = engine_.find_coupling_change(tick.end, tick.end - tick.begin);
+  if (!change) return Engine::kNoSlot;
   if (input_error_) {  // with a checkpoint in every tick there is nothing to go back to
-    engine_.apply(*remedy);
+    engine_.apply(*change);
     input_error_->start(engine_);
     next_checkpoint_ = 0;
     return Engine::kNoSlot;
   }
   const std::int64_t from = checkpoint_.tick();
   times_rewound_ = std::exchange(last_rewound_, from) == from ? times_rewound_ + 1 : 1;
-  if (not_restorable_ != nullptr || times_rewound_ > kMostTimes) {  // or remedies that alternate
-    engine_.apply(*remedy);
+  if (not_restorable_ != nullptr || times_rewound_ > kMostTimes) {  // or changes that alternate
+    engine_.apply(*change);
     if (not_restorable_ == nullptr) next_checkpoint_ = 0;
     return Engine::kNoSlot;
   }
   restore_checkpoint();
-  engine_.apply(*remedy);
+  engine_.apply(*change);
   checkpoint_.take(from, members_, engine_);
   find_next_checkpoint(from);
   if (!repeats_) {

@@ -55,10 +55,10 @@ class StepControl {
   /// After the engine's initialise. Takes a first checkpoint, if all units can be restored, so that later ones allocate nothing.
   void initialise();
 
-  /// The tick from which on take_checkpoint() is due; never if a unit cannot be restored.
+  /// The tick from which on save_checkpoint() is due; never if a unit cannot be restored.
   std::int64_t next_checkpoint() const { return next_checkpoint_; }
   /// Returns false if it waits, for at most kMostWaiting ticks, because values of a loop begin to grow.
-  bool take_checkpoint(std::int64_t tick);
+  bool save_checkpoint(std::int64_t tick);
   /// Values were changed or restored from outside: earlier ticks cannot be replayed. The next tick begins with a checkpoint.
   void forget() {
     if (not_restorable_ == nullptr) next_checkpoint_ = careful_until_ = 0;
@@ -73,8 +73,8 @@ class StepControl {
   /// events and at the end of the tick. Returns Engine::kNoSlot, or the slot that discarded the smallest parts (the first try
   /// where a unit cannot be restored). `timed`: see Engine::step. Throws Error where a tick cannot be replayed.
   ///
-  /// Where values of a loop grow and a remedy is found (Engine::find_remedy), the state of the last checkpoint is restored, with the
-  /// remedy: rewound() has its tick, which is the next one to be stepped. With `repeats`, the ticks since then are repeated here instead.
+  /// Where values of a loop grow and a change is found (Engine::find_coupling_change), the state of the last checkpoint is restored, with the
+  /// change: rewound() has its tick, which is the next one to be stepped. With `repeats`, the ticks since then are repeated here instead.
   std::size_t step(const Tick& tick, bool timed = false) {
     rewound_.reset();
     std::size_t discarded_by = input_error_ ? step_to_tolerance(tick, timed) : engine_.step(tick, 1, timed);

@@ -168,7 +168,15 @@ void describe_markdown(std::ostream& out, const UnitType& type, const Described&
   const Instance& instance = unit.instance;
   out << "# `unit:" << type.name << "`\n\n"
       << type.summary << "\n\nWritten by `cotwin reference` from the unit's declarations, with " << given_settings
-      << ": sizes and start values are that robot's.\n\n## Settings\n\n"
+      << ": sizes and start values are that robot's.\n";
+  if (const auto names = unit.settings.list().first_variables(); !names.empty()) {
+    out << "\n## To begin with\n\n| name | role | measure | meaning |\n|---|---|---|---|\n";
+    for (const std::string& name : names) {
+      const Variable& v = instance.variables.at(name);
+      out << "| `" << name << "` | " << name_of(v.role) << " | " << measure_of(v) << " | " << cell(v.description) << " |\n";
+    }
+  }
+  out << "\n## Settings\n\n"
       << "Chosen before the unit has variables: in its source, `unit:" << type.name
       << "?setting=value`, or by `--set component.setting=value`.\n\n| name | values | default | meaning "
          "|\n|---|---|---|---|\n";

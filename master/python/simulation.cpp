@@ -51,7 +51,7 @@ class PySimulation {
   /// The same with the GIL, for what is quick and runs no unit.
   template <class Use>
   auto look(Use use) -> std::invoke_result_t<Use, Simulation&> {
-    const std::unique_lock turn = take_turn();
+    const std::unique_lock turn = lock_turn();
     return use(*simulation_);
   }
   /// The same for a variable: errors are UnknownName if there is no such variable, otherwise BadValue.
@@ -80,7 +80,7 @@ class PySimulation {
  private:
   template <class Body>
   auto without_gil(Body body) -> std::invoke_result_t<Body> {
-    const std::unique_lock turn = take_turn();
+    const std::unique_lock turn = lock_turn();
     failure_.forget();
     try {
       const py::gil_scoped_release no_gil;
@@ -90,7 +90,7 @@ class PySimulation {
       throw;
     }
   }
-  std::unique_lock<std::mutex> take_turn() {
+  std::unique_lock<std::mutex> lock_turn() {
     if (process_ != getpid())
       throw Error("Simulation", "was made in another process, expected one that is made after the fork");
     std::unique_lock lock(mutex_, std::try_to_lock);

@@ -26,12 +26,12 @@ class Interpolated {
         before_(columns_.size()),
         after_(columns_.size()) {
     there_ = take();
-    if (there_) take_more();
+    if (there_) read_more();
   }
   /// Whether the recording has rows on both sides of t.
   bool move_to(double t) {
     if (!there_) return false;
-    while (t > t_after_ && more_) take_more();
+    while (t > t_after_ && more_) read_more();
     return t >= t_before_ && t <= t_after_;
   }
   double value(std::size_t k, double t) const {
@@ -50,7 +50,7 @@ class Interpolated {
     for (std::size_t k = 0; k < columns_.size(); ++k) after_[k] = reader_.value(columns_[k]);
     return true;
   }
-  void take_more() {
+  void read_more() {
     more_ = take();
     if (!more_ && !twice_) t_before_ = t_after_, before_ = after_;  // a recording of one row
     twice_ = true;

@@ -17,9 +17,9 @@ constexpr std::size_t kMostPlots = 24, kMostRows = 400;
 constexpr std::size_t kMostBytes = 150;  // of a value
 
 /// A table with a column per result; rows appear in the order in which they are first met.
-class Beside {
+class ComparisonTable {
  public:
-  Beside(std::string what, std::span<const Results> all) : what_(std::move(what)), all_(all) {}
+  ComparisonTable(std::string what, std::span<const Results> all) : what_(std::move(what)), all_(all) {}
   void add(const std::string& row, std::size_t result, std::string text, bool is_number) {
     const auto [found, is_new] = index_.emplace(row, rows_.size());
     if (is_new) rows_.push_back({row, std::vector<std::string>(all_.size()), is_number});
@@ -70,7 +70,7 @@ std::string value_text(const json& value) {
 }
 
 void compare_parameters(Page& page, std::span<const Results> all) {
-  Beside parameters("parameter", all);
+  ComparisonTable parameters("parameter", all);
   for (std::size_t i = 0; i < all.size(); ++i) {
     if (const json& given = member(all[i].record, "parameters"); all[i].is_run() && given.is_object()) {
       for (const auto& [name, entry] : given.items()) parameters.add(name, i, value_text(member(entry, "value")), false);
@@ -80,7 +80,7 @@ void compare_parameters(Page& page, std::span<const Results> all) {
 }
 
 void compare_origins(Page& page, std::span<const Results> all) {
-  Beside facts("", all);
+  ComparisonTable facts("", all);
   for (std::size_t i = 0; i < all.size(); ++i) {
     const json &record = all[i].record, &summary = all[i].summary;
     if (!all[i].is_run()) continue;
@@ -99,7 +99,7 @@ void compare_origins(Page& page, std::span<const Results> all) {
 }
 
 void compare_summaries(Page& page, std::span<const Results> all) {
-  Beside figures("figure", all), energy("energy [J]", all);
+  ComparisonTable figures("figure", all), energy("energy [J]", all);
   for (std::size_t i = 0; i < all.size(); ++i) {
     const json& summary = all[i].summary;
     for (const json& tally : list_of(member(summary, "signals"))) {
@@ -127,7 +127,7 @@ void compare_summaries(Page& page, std::span<const Results> all) {
 }
 
 void compare_tunings(Page& page, std::span<const Results> all) {
-  Beside table("torque error, RMS", all);
+  ComparisonTable table("torque error, RMS", all);
   for (std::size_t i = 0; i < all.size(); ++i) {
     const json& f = all[i].figures;
     const std::string tuned = text_of(member(f, "tuned"));

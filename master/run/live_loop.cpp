@@ -5,7 +5,7 @@
 #include <utility>
 
 #include "master/clock/clock.h"
-#include "master/engine/beside.h"
+#include "master/engine/threaded_unit.h"
 #include "models/foundation/support/bytes.h"
 #include "models/foundation/support/choice.h"
 
@@ -38,7 +38,7 @@ bus::LiveSignal describe(const Member& member, const Variable& v) {
 std::vector<bus::RunObserver*> LiveLoop::observers(std::span<const Member> members) {
   std::vector<bus::RunObserver*> all;
   for (const Member& member : members) {
-    Beside* const beside = beside_of(member);
+    ThreadedUnit* const beside = beside_of(member);
     Unit& unit = beside != nullptr ? beside->inner() : *member.instance.unit;
     if (auto* const observer = dynamic_cast<bus::RunObserver*>(&unit)) all.push_back(observer);
   }
@@ -53,7 +53,7 @@ LiveLoop::LiveLoop(const Scenario& scenario, std::span<const Member> members, En
     for (const Variable& v : member.variables()) {
       bus::LiveSignal& signal = signals.emplace_back(describe(member, v));
       if (v.role == Role::kInput || v.role == Role::kTunable) signal.fed.assign(v.size(), false);
-      for (const Link& link : engine.links) {
+      for (const ResolvedConnection& link : engine.links) {
         if (link.initial || link.to.variable != &v) continue;
         for (std::size_t e = link.to.first; e < link.to.first + link.to.count && e < signal.fed.size(); ++e)
           signal.fed[e] = true;
@@ -86,14 +86,14 @@ LiveLoop::~LiveLoop() {
   if (!ended_) end(run_->position().tick);
 }
 
-void LiveLoop::take_calls(std::int64_t tick, Time now) {
+void LiveLoop::answer_calls(std::int64_t tick, Time now) {
   LiveRun::Calls::Call call;
   // Limited, so that a flood of requests cannot hold up the tick: the others wait for the next one.
   for (std::size_t n = 0; n < LiveRun::Calls::kMaxClients && run_->calls().take(call); ++n) {
     LiveRun::Answer answer{bus::RunReply::kDone, tick};
     switch (call.request.verb) {
       case bus::RunVerb::kSet:
-        answer.reply = take_values(call.request, tick, now, answer);
+        answer.reply = set_values(call.request, tick, now, answer);
         break;
       case bus::RunVerb::kPause:
         begin_pause();
@@ -117,7 +117,7 @@ void LiveLoop::take_calls(std::int64_t tick, Time now) {
   }
 }
 
-bus::RunReply LiveLoop::take_values(const LiveRun::Call& call, std::int64_t tick, Time now, LiveRun::Answer& answer) {
+bus::RunReply LiveLoop::set_values(const LiveRun::Call& call, std::int64_t tick, Time now, LiveRun::Answer& answer) {
   const std::span<const LiveRun::Value> values(call.values, call.count);
   if (call.number == LiveRun::kAtOnce) {
     for (const LiveRun::Value& value : values) apply(value, tick);
@@ -203,9 +203,9 @@ double LiveLoop::read(const Source& source) {
   }
 }
 
-void LiveLoop::take_plan(std::int64_t tick) {
+void LiveLoop::adopt_plan(std::int64_t tick) {
   LiveRun::Plan plan;
-  if (!run_->take_plan(plan)) return;
+  if (!run_->pop_plan(plan)) return;
   plan_ = plan.number;
   every_ = plan.every;
   places_ = plan.channels.size();
@@ -215,8 +215,8 @@ void LiveLoop::take_plan(std::int64_t tick) {
 }
 
 void LiveLoop::record(std::int64_t tick) {
-  (void)run_->take_request();
-  take_plan(tick);
+  (void)run_->pop_request();
+  adopt_plan(tick);
   if (tick >= next_record_ && every_ > 0) next_record_ = (tick / every_ + 1) * every_;
   if (places_ == 0) return;
   const LiveRun::RecordHeader header{tick, plan_};

@@ -55,18 +55,18 @@ class LiveLoop {
 
   /// Before a tick: takes requests and sets the values that are due. False: the tick must not begin (pause, stop).
   bool begin_tick(std::int64_t tick, Time now) {
-    if (!run_->calls().empty()) take_calls(tick, now);
+    if (!run_->calls().empty()) answer_calls(tick, now);
     if (now >= next_waiting_) apply_waiting(tick, now);
     return !paused_ && !stopped_;
   }
   /// Whether values were set since the last call.
-  bool take_changed() { return std::exchange(changed_, false); }
+  bool pop_changed() { return std::exchange(changed_, false); }
   bool paused() const { return paused_; }
   bool stopped() const { return stopped_; }
   /// In a pause: waits for a request, at most Clock::kSlice.
   void wait(std::int64_t tick);
   /// Whether the run goes on after a pause since the last call: its clock stood still.
-  bool take_resumed() { return std::exchange(resumed_, false); }
+  bool pop_resumed() { return std::exchange(resumed_, false); }
 
   /// After a tick, with the number of ticks so far: a record, if one is due.
   void end_tick(std::int64_t tick) {
@@ -101,15 +101,15 @@ class LiveLoop {
     bus::LiveRun::Value value;
   };
 
-  void take_calls(std::int64_t tick, Time now);
-  bus::RunReply take_values(const bus::LiveRun::Call& call, std::int64_t tick, Time now, bus::LiveRun::Answer& answer);
+  void answer_calls(std::int64_t tick, Time now);
+  bus::RunReply set_values(const bus::LiveRun::Call& call, std::int64_t tick, Time now, bus::LiveRun::Answer& answer);
   void apply_waiting(std::int64_t tick, Time now);
   void apply(const bus::LiveRun::Value& value, std::int64_t tick);
   void find_next_waiting();
   void begin_pause();
   void end_pause();
   void record(std::int64_t tick);
-  void take_plan(std::int64_t tick);
+  void adopt_plan(std::int64_t tick);
   static double read(const Source& source);
   static constexpr std::int64_t kNever = std::numeric_limits<std::int64_t>::max();
 

@@ -59,7 +59,7 @@ class Master::Loop {
   void observe(Time now);
   void record(Time now);
   [[noreturn]] void fail_discarded(std::size_t slot) const;
-  void take_checkpoint();
+  void save_checkpoint();
   void keep_past();
   bool may_go_back() const { return engine_.may_change() && control_.not_restorable() == nullptr; }
   void rewind();

@@ -10,7 +10,7 @@
 #include <variant>
 
 #include "fmu/import/unit/state_keeper.h"
-#include "master/engine/beside.h"
+#include "master/engine/threaded_unit.h"
 #include "master/run/loop.h"
 #include "master/run/omissions.h"
 #include "models/foundation/support/bytes.h"
@@ -71,7 +71,7 @@ namespace {
 std::vector<Member> load(const Scenario& scenario, const MasterOptions& options) {
   std::vector<Member> members = load_members(scenario, options.types, options.folders);
   const bool free = options.clock ? options.clock->never_waits() : scenario.clock.kind == ClockKind::kFree;
-  put_beside(scenario, members, free ? BesideMode::kWait : BesideMode::kHold);
+  put_on_threads(scenario, members, free ? ThreadMode::kWait : ThreadMode::kHold);
   return members;
 }
 
@@ -163,7 +163,7 @@ void Master::Loop::begin_observation() {
 /// Requests to an observed run. Returns false if the tick must not begin.
 bool Master::Loop::begin_live_tick() {
   const bool goes_on = live_->begin_tick(tick_, now());
-  if (live_->take_changed()) {
+  if (live_->pop_changed()) {
     control_.forget();
     control_.jump();
   }
@@ -198,7 +198,7 @@ std::string Master::Loop::why_unsavable() {
     if (is_unit(member.spec)) continue;
     saves_anywhere_ = false;  // a Model Exchange solver restarts where it is saved
     std::string memory;
-    Beside* const beside = beside_of(member);
+    ThreadedUnit* const beside = beside_of(member);
     (beside != nullptr ? beside->inner() : *member.instance.unit).save_memory(memory);
     if (!fmu::holds_state(memory)) return "the states of the FMU '" + member.name() + "' cannot leave its process";
   }
@@ -210,11 +210,11 @@ void Master::Loop::save(std::function<void(RunState)> take, bool last) {
   state_taker_ = std::move(take);
   if (!saves_anywhere_ || (may_go_back() && !last) || at_end()) return;
   if (last) control_.forget();  // so that it does not wait
-  take_checkpoint();
+  save_checkpoint();
 }
 
-void Master::Loop::take_checkpoint() {
-  if (!control_.take_checkpoint(tick_)) return;
+void Master::Loop::save_checkpoint() {
+  if (!control_.save_checkpoint(tick_)) return;
   keep_past();
   if (state_taker_) pass_state();
 }
@@ -286,7 +286,7 @@ double Master::Loop::wall_seconds() const {
       if (live_->paused()) live_->wait(tick_);
       return !live_->stopped();
     }
-    if (live_->take_resumed()) pace_.restart(engine_, tick_);
+    if (live_->pop_resumed()) pace_.restart(engine_, tick_);
   }
   if (waits_) {
     if (!pace_.wait(engine_, tick_)) return true;
@@ -295,7 +295,7 @@ double Master::Loop::wall_seconds() const {
   const bool timed = tick_ >= times_.next();
   if (timed) times_.begin_tick();
 
-  if (tick_ >= control_.next_checkpoint()) take_checkpoint();
+  if (tick_ >= control_.next_checkpoint()) save_checkpoint();
   const Tick tick = pace_.next(engine_, tick_);
   const std::size_t discarded_by = control_.step(tick, timed);
   if (discarded_by != Engine::kNoSlot) fail_discarded(discarded_by);
@@ -362,7 +362,7 @@ void Master::Loop::finish() {
   if (recorder_) attempt([&] { recorder_->close(); });
   end_beside();
   for (const Member& member : members_) {
-    if (Beside* const beside = beside_of(member)) attempt([&] { beside->check_last_step(); });
+    if (ThreadedUnit* const beside = beside_of(member)) attempt([&] { beside->check_last_step(); });
   }
   ended_ = std::chrono::steady_clock::now();
   if (!failure.empty()) throw Error(failure);
@@ -377,7 +377,7 @@ void Master::Loop::end_beside() const {
   const auto limit = std::chrono::steady_clock::now() + std::chrono::seconds(1);
   for (bool reported = !waiting_;;) {
     std::erase_if(left, [](const Member* member) {
-      Beside* const beside = beside_of(*member);
+      ThreadedUnit* const beside = beside_of(*member);
       const bool ready = !beside->stepping();
       if (ready) beside->end();
       return ready;

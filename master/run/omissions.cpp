@@ -53,7 +53,7 @@ bool all_zero(const std::string& numbers) { return numbers.find_first_not_of("0 
 
 class Finder {
  public:
-  Finder(const Scenario& scenario, std::span<const Member> members, std::span<const Link> links)
+  Finder(const Scenario& scenario, std::span<const Member> members, std::span<const ResolvedConnection> links)
       : scenario_(scenario), members_(members), links_(links) {}
 
   std::vector<std::string> find() {
@@ -63,7 +63,7 @@ class Finder {
     for (const Port& port : ports_) {
       if (port.essential) find_forgotten(port);
     }
-    for (const Link& link : links_) {
+    for (const ResolvedConnection& link : links_) {
       find_derivative(link);
       find_reaction(link);
     }
@@ -144,7 +144,7 @@ class Finder {
   }
 
   void mark_connected() {
-    for (const Link& link : links_) {
+    for (const ResolvedConnection& link : links_) {
       if (link.from.member != link.to.member) linked_.insert({link.from.member, link.to.member});
       Port* port = port_of(link.to.variable);
       if (port == nullptr) continue;
@@ -204,7 +204,7 @@ class Finder {
   }
 
   /// Finds dq_d beside q_d, where the source of q_d has a declared derivative.
-  void find_derivative(const Link& link) {
+  void find_derivative(const ResolvedConnection& link) {
     if (link.derivative.empty() || !is_unit(members_[link.to.member].spec) || link.to.variable->role != Role::kInput) return;
     const std::string& name = link.to.variable->name;
     const Variable* beside = members_[link.to.member].variables().find(prefix_of(name) + "d" + last_part(name));
@@ -222,7 +222,7 @@ class Finder {
   }
 
   /// Finds tau_e of b, where b.q → a.q and a returns tau_e.
-  void find_reaction(const Link& link) {
+  void find_reaction(const ResolvedConnection& link) {
     const Member &a = members_[link.to.member], &b = members_[link.from.member];
     if (!is_unit(b.spec) || link.to.member == link.from.member) return;
     if (last_part(link.from.variable->name) != last_part(link.to.variable->name)) return;  // a sensor: q → q_true
@@ -305,7 +305,7 @@ class Finder {
 
   const Scenario& scenario_;
   std::span<const Member> members_;
-  std::span<const Link> links_;
+  std::span<const ResolvedConnection> links_;
   std::vector<Port> ports_;                                 // by member
   std::vector<std::size_t> first_port_;                     // per member, and the end
   std::unordered_map<const Variable*, std::size_t> index_;  // into ports_; never iterated
@@ -318,7 +318,7 @@ class Finder {
 }  // namespace
 
 std::vector<std::string> find_omissions(const Scenario& scenario, std::span<const Member> members,
-                                        std::span<const Link> links) {
+                                        std::span<const ResolvedConnection> links) {
   return Finder(scenario, members, links).find();
 }
 

@@ -17,6 +17,7 @@ namespace cotwin::master {
 /// A required variable (Variable::required) without any of them is an Error, because the unit would act on its default.
 /// A start value, also 0, means that a variable was not forgotten. The members must have their start values, because parameters
 /// may decide what is essential.
-std::vector<std::string> find_omissions(const Scenario& scenario, std::span<const Member> members, std::span<const Link> links);
+std::vector<std::string> find_omissions(const Scenario& scenario, std::span<const Member> members,
+                                        std::span<const ResolvedConnection> links);
 
 }  // namespace cotwin::master

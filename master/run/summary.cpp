@@ -85,7 +85,7 @@ Summary Master::Loop::summary() const {
     const Engine::Cost cost = cost_of(m);
     s.units.push_back({members_[m].name(), cost.seconds_per_step, all > 0 ? cost.seconds() / all : 0, cost.samples});
     std::vector<std::string> notes;
-    members_[m].instance.unit->tell(notes);
+    members_[m].instance.unit->append_notes(notes);
     for (const std::string& note : notes) s.notes.push_back(members_[m].name() + ": " + note);
     for (const Variable& variable : members_[m].variables()) {
       if (variable.role != Role::kOutput || variable.kind() == Kind::kString || variable.size() > kMostElementsOfEnds) continue;

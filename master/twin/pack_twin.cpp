@@ -83,7 +83,8 @@ class TwinPacker {
     member.instance = {};  // first, as in add_fmu()
     member.instance = make_unit(settings, options_.types);
     apply(start_values(scenario_, member), member.variables());
-    for (fmu::ArchiveFile& file : fmu::take_files(settings, member.variables(), names_)) resources_.push_back(std::move(file));
+    for (fmu::ArchiveFile& file : fmu::collect_files(settings, member.variables(), names_))
+      resources_.push_back(std::move(file));
     fmu::Package unit;
     unit.unit = source.unit;
     unit.query = fmu::packed_query(settings);

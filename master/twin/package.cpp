@@ -78,7 +78,7 @@ class ScenarioPacker {
       : scenario_(scenario), options_(options), members_(load_members(scenario, options.types, options.folders)) {}
 
   std::vector<std::string> pack(const fs::path& out) {
-    const std::vector<Link> links = resolve_links(scenario_, members_);
+    const std::vector<ResolvedConnection> links = resolve_connections(scenario_, members_);
     (void)choose_columns(scenario_, members_);  // reports errors of the recording now, not to the user of the package
     std::vector<PackedComponent> components;
     for (const Member& member : members_) components.push_back(add(member));

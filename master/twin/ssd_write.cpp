@@ -72,7 +72,7 @@ std::vector<std::string> connectors_of(const Variable& variable, std::size_t fir
 
 class Writer {
  public:
-  Writer(const Scenario& scenario, const std::vector<Member>& members, const std::vector<Link>& links,
+  Writer(const Scenario& scenario, const std::vector<Member>& members, const std::vector<ResolvedConnection>& links,
          const std::vector<PackedComponent>& components, bool scalars)
       : scenario_(scenario), members_(members), links_(links), components_(components), scalars_(scalars) {}
 
@@ -137,7 +137,7 @@ class Writer {
 
   bool linked(const Variable& variable) const {
     return std::any_of(links_.begin(), links_.end(),
-                       [&](const Link& l) { return l.from.variable == &variable || l.to.variable == &variable; });
+                       [&](const ResolvedConnection& l) { return l.from.variable == &variable || l.to.variable == &variable; });
   }
 
   void write_connector(const std::string& name, const Variable& variable, const std::string& measure) {
@@ -147,7 +147,7 @@ class Writer {
     if (!measure.empty()) measures_.insert(measure);
   }
 
-  void write_connections(const Link& link, const ConnectionSpec& spec) {
+  void write_connections(const ResolvedConnection& link, const ConnectionSpec& spec) {
     const auto from = connectors_of(*link.from.variable, link.from.first, link.from.count, scalars_);
     const auto to = connectors_of(*link.to.variable, link.to.first, link.to.count, scalars_);
     const bool affine = link.factor != 1 || link.offset != 0;
@@ -306,7 +306,7 @@ class Writer {
 
   const Scenario& scenario_;
   const std::vector<Member>& members_;
-  const std::vector<Link>& links_;
+  const std::vector<ResolvedConnection>& links_;
   const std::vector<PackedComponent>& components_;
   bool scalars_;
   std::set<std::string> measures_;  // of the connectors
@@ -315,7 +315,7 @@ class Writer {
 
 }  // namespace
 
-std::string to_ssd(const Scenario& scenario, const std::vector<Member>& members, const std::vector<Link>& links,
+std::string to_ssd(const Scenario& scenario, const std::vector<Member>& members, const std::vector<ResolvedConnection>& links,
                    const std::vector<PackedComponent>& components, bool scalars) {
   return Writer(scenario, members, links, components, scalars).write();
 }

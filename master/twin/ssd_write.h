@@ -19,7 +19,7 @@ struct PackedComponent {
 /// as a linear transformation of the connection. `components[i]` belongs to `members[i]`, `links[i]` to the scenario's
 /// connection i. With `scalars`, each element of a vector has its own connector and connection, "q[1]" …, as SSP 1.0 and FMI 2
 /// require.
-std::string to_ssd(const Scenario& scenario, const std::vector<Member>& members, const std::vector<Link>& links,
+std::string to_ssd(const Scenario& scenario, const std::vector<Member>& members, const std::vector<ResolvedConnection>& links,
                    const std::vector<PackedComponent>& components, bool scalars);
 
 }  // namespace cotwin::master

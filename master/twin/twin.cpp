@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <limits>
 
-#include "master/engine/beside.h"
+#include "master/engine/threaded_unit.h"
 #include "models/foundation/support/bytes.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
@@ -43,7 +43,7 @@ Variables::Declared declare_as(Role role, Variables& variables, const std::strin
 Twin::Twin(Scenario scenario, std::vector<Member> members, const std::set<std::string>& outputs, bool states_leave)
     : scenario_(std::move(scenario)), members_(std::move(members)), outputs_(outputs), states_leave_(states_leave) {
   scenario_.bonds.clear();
-  put_beside(scenario_, members_, BesideMode::kInStep);
+  put_on_threads(scenario_, members_, ThreadMode::kInStep);
   build_engine();
 }
 
@@ -62,7 +62,7 @@ void Twin::build_engine() {
 
 Role Twin::role_of(const std::string& name, const Variable& variable) const {
   std::size_t fed = 0;  // elements; each is fed at most once
-  for (const Link& link : engine_->links) {
+  for (const ResolvedConnection& link : engine_->links) {
     if (link.to.variable == &variable) fed += link.to.count;
   }
   const bool connected = fed == variable.size() && fed > 0;
@@ -119,7 +119,7 @@ void Twin::initialise(Time start) {
 }
 
 bool Twin::step_tick(Time begin, Time end) {
-  if (tick_ >= control_->next_checkpoint()) control_->take_checkpoint(tick_);
+  if (tick_ >= control_->next_checkpoint()) control_->save_checkpoint(tick_);
   if (!past_.empty()) {
     Past& now = past(tick_);
     now.outside.take(outside_);
@@ -129,7 +129,7 @@ bool Twin::step_tick(Time begin, Time end) {
   return control_->step({tick_, begin, end}) == Engine::kNoSlot;
 }
 
-void Twin::tell(std::vector<std::string>& notes) const {
+void Twin::append_notes(std::vector<std::string>& notes) const {
   for (std::size_t m = 0; m < members_.size(); ++m) {
     const std::int64_t discarded = control_->discarded_by()[m];
     if (discarded == 0 || control_->not_restorable() != nullptr) continue;
@@ -140,7 +140,7 @@ void Twin::tell(std::vector<std::string>& notes) const {
   for (std::string& warning : engine_->loop_warnings()) notes.push_back(std::move(warning));
   for (const Member& member : members_) {
     std::vector<std::string> of_member;
-    member.instance.unit->tell(of_member);
+    member.instance.unit->append_notes(of_member);
     for (const std::string& note : of_member) notes.push_back(member.name() + ": " + note);
   }
 }

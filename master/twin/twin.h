@@ -37,7 +37,7 @@ class Twin final : public Unit {
   void restore_memory(const std::string& bytes) override;
   /// Whether a host may save states and restore them anywhere.
   bool restorable() const override { return control_->not_restorable() == nullptr && states_leave_; }
-  void tell(std::vector<std::string>& notes) const override;
+  void append_notes(std::vector<std::string>& notes) const override;
   void end() noexcept override;
 
  private:

@@ -64,7 +64,7 @@ class Builder {
 
  private:
   void take(const ComponentSpec& component);
-  void take_cell(const ComponentSpec& component, Settings& settings);
+  void add_cell(const ComponentSpec& component, Settings& settings);
   std::size_t add_model(robot::RobotModel model, const fs::path& urdf);
   /// The node that has the variable, or nodes_.size().
   std::size_t node_of(const Port& port, std::string_view* variable) const;
@@ -76,7 +76,7 @@ class Builder {
   /// Whether the positions come from another recorded signal by a connection.
   bool is_copy(const Node& node) const;
   /// The start pose that the scenario gives by the parameters `prefix`p0 and `prefix`quat0, if any.
-  void take_pose(const std::string& component, const std::string& prefix, Pose& X_WB) const;
+  void read_pose(const std::string& component, const std::string& prefix, Pose& X_WB) const;
   void place(StagedRobot& robot, const Node& node) const;
   void add_tools(StagedRobot& robot, const std::vector<std::size_t>& members);
   /// Whether positions of another number of joints were recorded; then with a remark.
@@ -98,7 +98,7 @@ std::size_t Builder::add_model(robot::RobotModel model, const fs::path& urdf) {
   return stage_.models.size() - 1;
 }
 
-void Builder::take_cell(const ComponentSpec& component, Settings& settings) {
+void Builder::add_cell(const ComponentSpec& component, Settings& settings) {
   const scene::Cell cell = settings.cell();
   const bool watches = has_setting(component.source, "ignore", types_);  // unit:monitor
   if (!watches) stage_.worlds.push_back(component.name);
@@ -115,7 +115,7 @@ void Builder::take_cell(const ComponentSpec& component, Settings& settings) {
     if (watches && std::ranges::any_of(stage_.bodies, [&](const StagedBody& known) { return known.body.name == body.name; }))
       continue;
     stage_.bodies.push_back({body, component.name + "." + id});
-    take_pose(component.name, id + ".", stage_.bodies.back().body.X_WB);
+    read_pose(component.name, id + ".", stage_.bodies.back().body.X_WB);
   }
 }
 
@@ -128,7 +128,7 @@ void Builder::take(const ComponentSpec& component) {
   Settings settings(source.unit, source.query, settings_for(scenario_, component.name), folders_);
   settings.declare(settings_of(type));
   if (has_cell) {
-    take_cell(component, settings);
+    add_cell(component, settings);
     return;
   }
   if (const std::string name = settings.given("robot").value_or(""); name.empty() || name == "none") return;
@@ -198,7 +198,7 @@ void Builder::add_tracks(StagedRobot& robot, const std::vector<std::size_t>& mem
   }
 }
 
-void Builder::take_pose(const std::string& component, const std::string& prefix, Pose& X_WB) const {
+void Builder::read_pose(const std::string& component, const std::string& prefix, Pose& X_WB) const {
   const Eigen::Quaterniond Q(X_WB.R);
   const std::vector<double> p = given_numbers(scenario_, component, prefix + "p0", {X_WB.p.x(), X_WB.p.y(), X_WB.p.z()});
   const std::vector<double> quat = given_numbers(scenario_, component, prefix + "quat0", {Q.w(), Q.x(), Q.y(), Q.z()});
@@ -210,7 +210,7 @@ void Builder::take_pose(const std::string& component, const std::string& prefix,
 void Builder::place(StagedRobot& robot, const Node& node) const {
   robot.in_world = true;
   const std::string prefix = node.robot.empty() ? "" : node.robot + ".";
-  take_pose(node.component, prefix + "base_", robot.X_WB);
+  read_pose(node.component, prefix + "base_", robot.X_WB);
   robot.base_p = node.prefix + "base_p";
   robot.base_quat = node.prefix + "base_quat";
 }

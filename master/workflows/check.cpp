@@ -6,9 +6,9 @@
 #include "components/bus/live_run.h"
 #include "fmu/process/process.h"
 #include "master/clock/clock.h"
-#include "master/engine/beside.h"
 #include "master/engine/coupling/bonds.h"
 #include "master/engine/events.h"
+#include "master/engine/threaded_unit.h"
 #include "master/engine/tools.h"
 #include "master/engine/wiring/arrangement.h"
 #include "master/engine/wiring/schedule.h"
@@ -140,9 +140,10 @@ class Checker {
 
   void check_connections(const Scenario& scenario) {
     const std::size_t errors_before = errors_;
-    attempt([&] { put_beside(scenario, members_, BesideMode::kInStep); });
-    const std::vector<Link> links = resolve_links(scenario, members_, [&](const Error& error) { add(error.what()); });
-    for (const Link& link : links) fed_.push_back(link.to);
+    attempt([&] { put_on_threads(scenario, members_, ThreadMode::kInStep); });
+    const std::vector<ResolvedConnection> links =
+        resolve_connections(scenario, members_, [&](const Error& error) { add(error.what()); });
+    for (const ResolvedConnection& link : links) fed_.push_back(link.to);
     if (errors_ > errors_before) return;
     attempt([&] {
       for (const std::string& omission : find_omissions(scenario, members_, links)) warn(omission);

@@ -26,13 +26,14 @@ std::string listed(const std::vector<std::string>& names) {
 }
 
 /// "loop a, b (a.y -> b.u, b.y -> a.u): ". Several connections between elements of two vectors are listed as one.
-std::string place_of(std::span<const std::size_t> group, const std::vector<Link>& links, std::span<const Member> members) {
+std::string place_of(std::span<const std::size_t> group, const std::vector<ResolvedConnection>& links,
+                     std::span<const Member> members) {
   const auto in_group = [&](std::size_t m) { return std::ranges::binary_search(group, m); };
   const auto whole = [&](const Signal& s) { return members[s.member].name() + "." + s.variable->name; };
   std::vector<std::string> names, connections;
   std::map<std::string, std::size_t> listed_at;  // by the names of the vectors
   for (const std::size_t m : group) names.push_back(members[m].name());
-  for (const Link& link : links) {
+  for (const ResolvedConnection& link : links) {
     if (!is_continuous(link) || !in_group(link.from.member) || !in_group(link.to.member)) continue;
     const std::string vectors = whole(link.from) + " -> " + whole(link.to);
     if (const auto [at, is_new] = listed_at.emplace(vectors, connections.size()); is_new) {
@@ -46,7 +47,7 @@ std::string place_of(std::span<const std::size_t> group, const std::vector<Link>
 
 const Member* without_way_back(std::span<const std::size_t> group, std::span<const Member> members) {
   for (const std::size_t m : group) {
-    if (!members[m].instance.unit->goes_back()) return &members[m];
+    if (!members[m].instance.unit->has_cheap_rollback()) return &members[m];
   }
   return nullptr;
 }
@@ -101,12 +102,13 @@ Finding judge(const LoopReport& loop, const Scenario& scenario, const std::strin
 
 std::vector<Finding> check_coupling(const Scenario& scenario, std::span<Member> members) {
   std::vector<Finding> findings;
-  const std::vector<Link> links = resolve_links(scenario, members);
+  const std::vector<ResolvedConnection> links = resolve_connections(scenario, members);
   const auto groups = coupled_groups(links, members);
   const auto may_measure = [&](const std::vector<std::size_t>& group) {
     return count_unknowns(links, group) <= kMostUnknowns && without_way_back(group, members) == nullptr;
   };
-  const auto hinders = std::ranges::find_if(members, [](const Member& member) { return !member.instance.unit->goes_back(); });
+  const auto hinders =
+      std::ranges::find_if(members, [](const Member& member) { return !member.instance.unit->has_cheap_rollback(); });
   std::vector<LoopReport> loops(groups.size());
   if (hinders == members.end() && std::ranges::any_of(groups, may_measure)) {
     Scenario unsolved = scenario;

@@ -60,8 +60,8 @@ ManipulabilityGoal::ManipulabilityGoal(int n, Rows rows, double length)
       G_(tall_ ? n : rows_, tall_ ? n : rows_),
       factor_(Eigen::MatrixXd::Identity(G_.rows(), G_.rows())) {}
 
-void ManipulabilityGoal::take_jacobian(const robot::Mechanism& mechanism, robot::Data& data, const VectorIn& q,
-                                       const robot::FrameOnBody& frame) {
+void ManipulabilityGoal::update_jacobian(const robot::Mechanism& mechanism, robot::Data& data, const VectorIn& q,
+                                         const robot::FrameOnBody& frame) {
   robot::jacobian(mechanism, data, q, frame, J_);
   J_.bottomRows<3>() *= length_;
 }
@@ -78,7 +78,7 @@ void ManipulabilityGoal::factorise(double addition) {
 
 double ManipulabilityGoal::w(const robot::Mechanism& mechanism, robot::Data& data, const VectorIn& q,
                              const robot::FrameOnBody& frame) {
-  take_jacobian(mechanism, data, q, frame);
+  update_jacobian(mechanism, data, q, frame);
   rows_of_J_ = J_.middleRows(first_, rows_);
   factorise(0);
   if (factor_.info() != Eigen::Success) return 0;
@@ -93,7 +93,7 @@ double ManipulabilityGoal::add(const robot::Mechanism& mechanism, robot::Data& d
   constexpr double kEpsilon = 1e-3;  // m per rad
   constexpr double kStep = 1e-4;     // rad
   if (weight == 0) return 0;
-  take_jacobian(mechanism, data, q, frame);
+  update_jacobian(mechanism, data, q, frame);
   rows_of_J_ = J_.middleRows(first_, rows_);
   factorise(kEpsilon * kEpsilon);
   double V = 0;
@@ -111,10 +111,10 @@ double ManipulabilityGoal::add(const robot::Mechanism& mechanism, robot::Data& d
   q_ = q;
   for (Eigen::Index i = 0; i < q.size(); ++i) {
     q_[i] = q[i] + kStep;
-    take_jacobian(mechanism, data, q_, frame);
+    update_jacobian(mechanism, data, q_, frame);
     double change = plus_.cwiseProduct(J_.middleRows(first_, rows_)).sum();
     q_[i] = q[i] - kStep;
-    take_jacobian(mechanism, data, q_, frame);
+    update_jacobian(mechanism, data, q_, frame);
     change -= plus_.cwiseProduct(J_.middleRows(first_, rows_)).sum();
     q_[i] = q[i];
     gradient[i] -= weight * change / (2 * kStep);

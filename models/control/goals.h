@@ -50,7 +50,7 @@ class ManipulabilityGoal {
   double w(const robot::Mechanism&, robot::Data&, const VectorIn& q, const robot::FrameOnBody& frame);
 
  private:
-  void take_jacobian(const robot::Mechanism&, robot::Data&, const VectorIn& q, const robot::FrameOnBody& frame);
+  void update_jacobian(const robot::Mechanism&, robot::Data&, const VectorIn& q, const robot::FrameOnBody& frame);
   void factorise(double addition);
 
   int first_, rows_;

@@ -2,8 +2,8 @@
 #include <span>
 #include <vector>
 
+#include "models/energetics/dc_link.h"
 #include "models/energetics/drives.h"
-#include "models/energetics/link.h"
 
 namespace cotwin::energetics {
 
@@ -40,7 +40,7 @@ class Accountant {
 
   DriveLosses losses;
   Current current = Current::kDc;
-  Link link;
+  DcLink link;
   Supply supply;
 
   /// Throws Error `place.name: …` for values out of range.

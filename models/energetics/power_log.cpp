@@ -319,11 +319,6 @@ PowerLog read_power_logs(std::span<const std::filesystem::path> files, const Pow
   return log;
 }
 
-PowerLog parse_power_log(std::string_view text, const std::string& place, const PowerColumns& columns,
-                         const robot::RobotModel* robot) {
-  return make_log(csv::parse(text, place), columns, robot);
-}
-
 std::vector<LoggedMotion> motions_of(const PowerLog& log, double least) {
   std::vector<LoggedMotion> found;
   for (std::size_t s = 0; s < log.begins.size(); ++s) {

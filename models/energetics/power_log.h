@@ -53,9 +53,6 @@ PowerLog read_power_log(const std::filesystem::path& file, const PowerColumns& c
 /// torques or currents.
 PowerLog read_power_logs(std::span<const std::filesystem::path> files, const PowerColumns& columns = {},
                          const robot::RobotModel* robot = nullptr);
-/// The same from text in memory.
-PowerLog parse_power_log(std::string_view text, const std::string& place, const PowerColumns& columns = {},
-                         const robot::RobotModel* robot = nullptr);
 
 /// Samples [begin, end) of a motion with the sample at rest before it.
 struct LoggedMotion {

@@ -90,20 +90,6 @@ Vector10d LogCholesky::parameters(const Vector10d& xi, Matrix10d& jacobian) cons
   return from_pseudo_inertia(P);
 }
 
-Vector10d LogCholesky::coordinates(const Vector10d& pi) const {
-  Matrix4d U;
-  if (!factorise(pseudo_inertia(pi), U))
-    throw Error("inertia",
-                "of mass " + text::to_text(pi[0]) +
-                    " kg has a pseudo-inertia that is not positive definite, expected a body that fills some volume");
-  const Matrix4d V = U_0_.triangularView<Eigen::Upper>().solve(U);
-  Vector10d xi;
-  xi[0] = std::log(V(3, 3));
-  for (int i = 0; i < 3; ++i) xi[1 + i] = std::log(V(i, i) / V(3, 3));
-  for (int k = 0; k < 6; ++k) xi[4 + k] = V(kPlace[k][0], kPlace[k][1]) / V(3, 3);
-  return xi;
-}
-
 Vector10d divergence_roots(const Vector10d& xi, Matrix10d& jacobian) {
   // P_0⁻¹ P is similar to V Vᵀ with V = U(ξ): D = Σ v_ij² − 4 − 2 Σ ln v_ii. A diagonal element v = e^x gives e^(2x) − 1 − 2x.
   Vector10d roots;

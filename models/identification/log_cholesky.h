@@ -28,8 +28,6 @@ class LogCholesky {
   Vector10d parameters(const Vector10d& xi) const;
   /// π(ξ) and ∂π/∂ξ.
   Vector10d parameters(const Vector10d& xi, Matrix10d& jacobian) const;
-  /// Returns ξ of a strictly consistent body. Throws Error for others.
-  Vector10d coordinates(const Vector10d& pi) const;
   /// U_0
   const Eigen::Matrix4d& factor() const { return U_0_; }
 

@@ -205,9 +205,7 @@ Problem& Problem::operator=(Problem&&) noexcept = default;
 int Problem::dimensions() const { return static_cast<int>(impl_->lower.size()); }
 const VectorXd& Problem::lower() const { return impl_->lower; }
 const VectorXd& Problem::upper() const { return impl_->upper; }
-const robot::RobotModel& Problem::prior() const { return impl_->prior; }
 const TorqueData& Problem::data() const { return impl_->data; }
-const ProblemOptions& Problem::options() const { return impl_->options; }
 const VectorXd& Problem::sigma() const { return impl_->sigma; }
 const Floor& Problem::floor() const { return impl_->floor; }
 const Excitation& Problem::excitation() const { return impl_->excitation; }

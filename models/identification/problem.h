@@ -86,9 +86,7 @@ class Problem {
   int dimensions() const;
   const Eigen::VectorXd& lower() const;
   const Eigen::VectorXd& upper() const;
-  const robot::RobotModel& prior() const;  // consistent
-  const TorqueData& data() const;          // flushed
-  const ProblemOptions& options() const;
+  const TorqueData& data() const;        // flushed
   const Eigen::VectorXd& sigma() const;  // n, N.m
   const Floor& floor() const;
   const Excitation& excitation() const;

@@ -138,16 +138,16 @@ struct SwarmSearch::Impl {
   std::uint64_t fingerprint() const {
     std::uint64_t hash = 0xcbf29ce484222325;  // FNV-1a over 64-bit words
     const auto take = [&](std::uint64_t word) { hash = (hash ^ word) * 0x100000001b3; };
-    const auto take_all = [&](const auto& values) {
+    const auto hash_all = [&](const auto& values) {
       for (Index i = 0; i < values.size(); ++i) take(std::bit_cast<std::uint64_t>(values.data()[i]));
     };
     VectorXd r;
     MatrixXd J;
     problem->residuals(VectorXd::Zero(problem->dimensions()), r, &J);
-    take_all(r);
-    take_all(J);
-    take_all(problem->lower());
-    take_all(problem->upper());
+    hash_all(r);
+    hash_all(J);
+    hash_all(problem->lower());
+    hash_all(problem->upper());
     const numerics::SwarmOptions& s = options.swarm;
     for (const double x :
          {static_cast<double>(s.particles), s.threshold, s.inertia, s.cognitive, s.social, static_cast<double>(s.neighbours),

@@ -35,8 +35,6 @@ VectorXd symmetric_eigenvalues(const MatrixIn& A) {
   return Eigen::SelfAdjointEigenSolver<MatrixXd>(A, Eigen::EigenvaluesOnly).eigenvalues();
 }
 
-Eigen::VectorXcd eigenvalues(const MatrixIn& A) { return Eigen::EigenSolver<MatrixXd>(A, false).eigenvalues(); }
-
 Svd svd(const MatrixIn& A) {
   const Eigen::JacobiSVD<MatrixXd> svd(A, Eigen::ComputeFullU | Eigen::ComputeFullV);
   return {svd.singularValues(), svd.matrixU(), svd.matrixV()};

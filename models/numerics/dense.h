@@ -23,8 +23,6 @@ template <int N>
 requires(N > 0) SymmetricEigen<N> symmetric_eigen(const Eigen::Matrix<double, N, N>& A);
 template <int N>
 requires(N > 0) Eigen::Matrix<double, N, 1> symmetric_eigenvalues(const Eigen::Matrix<double, N, N>& A);
-/// Of a square matrix, in no order.
-Eigen::VectorXcd eigenvalues(const MatrixIn& A);
 
 /// A = U diag(values) Vᵀ with square U and V, descending values (one-sided Jacobi).
 struct Svd {

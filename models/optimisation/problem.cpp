@@ -94,15 +94,6 @@ void check_compliant(const CompliantFrame& frame) {
 
 const char* to_text(Quantity quantity) { return kQuantities[static_cast<std::size_t>(quantity)]; }
 
-Quantity quantity_of(const std::string& name) {
-  std::string names;
-  for (std::size_t i = 0; i < std::size(kQuantities); ++i) {
-    if (name == kQuantities[i]) return static_cast<Quantity>(i);
-    names += (i ? ", " : "") + std::string(kQuantities[i]);
-  }
-  fail("cost '" + name + "', expected one of " + names);
-}
-
 double drive_torque(const DriveTerms& d, std::size_t j, double dq, double ddq) {
   const auto term = [j](const std::vector<double>& values) { return values.empty() ? 0.0 : values[j]; };
   return term(d.B) * ddq + robot::rigid_friction(term(d.tau_C), term(d.sigma2), term(d.tau_0), robot::coulomb_share(dq), dq);
@@ -115,7 +106,7 @@ bool needs_torques(Quantity quantity) {
 
 bool needs_compliance(Quantity quantity) { return quantity == Quantity::kCycle || quantity == Quantity::kStiffness; }
 
-Bounds bounds_of(const robot::RobotModel& robot) {
+Bounds bounds_of(const robot::RobotModel& robot, const Bounds& own) {
   Bounds b;
   for (const robot::Joint& joint : robot.joints) {
     b.q_min.push_back(joint.q_min);
@@ -125,6 +116,8 @@ Bounds bounds_of(const robot::RobotModel& robot) {
   }
   b.ddq.assign(robot.joints.size(), std::numeric_limits<double>::infinity());
   b.dddq = b.ddq;
+  for (auto each : {&Bounds::q_min, &Bounds::q_max, &Bounds::dq, &Bounds::ddq, &Bounds::dddq, &Bounds::tau})
+    if (!(own.*each).empty()) b.*each = own.*each;
   return b;
 }
 

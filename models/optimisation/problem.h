@@ -27,7 +27,7 @@ struct Bounds {
   std::vector<double> tau;           // N m, of the motors behind the gears
 };
 /// Those of the URDF: position, speed and torque.
-Bounds bounds_of(const robot::RobotModel& robot);
+Bounds bounds_of(const robot::RobotModel& robot, const Bounds& own = {});
 
 /// What the motors add to the torques of rigid bodies, n each or empty: τ_m = τ + B q̈ + σ2 q̇ + τ_C sat(q̇/v_0) + τ_0
 /// (models/robot/drives/rigid_friction.h).
@@ -56,8 +56,6 @@ enum class Quantity {
 /// "time", "torque", "work", "shared_work", "power", "acceleration", "jerk", "energy", "effective_mass", "safety", "cycle_time",
 /// "stiffness"
 const char* to_text(Quantity quantity);
-/// Throws Error with the names.
-Quantity quantity_of(const std::string& name);
 /// Whether the quantity depends on torques.
 bool needs_torques(Quantity quantity);
 
@@ -77,7 +75,7 @@ struct Electrical {
   energetics::DriveLosses losses;
   energetics::Current current = energetics::Current::kDc;
   energetics::Bus bus = energetics::Bus::kShared;
-  energetics::Link link;
+  energetics::DcLink link;
   energetics::Supply supply;
   energetics::Standby standby;
   double V = 0;  // of the link at the beginning, V; 0: V_min

@@ -72,7 +72,6 @@ CoupledScratch::CoupledScratch(int n, int all)
       Y(all, 10 * all),
       reduced(n, n),
       J_reduced(6, n),
-      J_by_M(n, 6),
       h(n) {
   for (auto* v : {&batch_q, &batch_dq, &batch_ddq, &batch_tau}) v->resize(at(all) * kBatch);
 }
@@ -159,18 +158,14 @@ void CoupledDynamics::forward_dynamics(const double* q, const double* dq, const 
   solve(s_.reduced, ddq);
 }
 
-void CoupledDynamics::derivatives(const double* q, const double* dq, const double* ddq, double* tau, MatrixOut dtau_dq,
-                                  MatrixOut dtau_ddq, MatrixOut* M) {
+void CoupledDynamics::derivatives(const double* q, const double* dq, const double* ddq, MatrixOut dtau_dq, MatrixOut dtau_ddq) {
   positions(q);
   rates(dq, s_.dq);
   rates(ddq, s_.ddq);
-  kernels_.derivatives(model_, scratch_, s_.q.data(), s_.dq.data(), s_.ddq.data(), tau ? s_.tau.data() : nullptr,
-                       s_.by_q.data(), s_.by_q.outerStride(), s_.by_dq.data(), s_.by_dq.outerStride(),
-                       M ? s_.M.data() : nullptr, s_.M.outerStride());
+  kernels_.derivatives(model_, scratch_, s_.q.data(), s_.dq.data(), s_.ddq.data(), s_.by_q.data(), s_.by_q.outerStride(),
+                       s_.by_dq.data(), s_.by_dq.outerStride());
   sandwich(s_.by_q, dtau_dq);
   sandwich(s_.by_dq, dtau_ddq);
-  if (tau) forces(s_.tau.data(), tau);
-  if (M) sandwich(s_.M, *M);
 }
 
 void CoupledDynamics::regressor(const double* q, const double* dq, const double* ddq, MatrixOut Y) {
@@ -208,17 +203,6 @@ void CoupledDynamics::jacobian_dot_times_dq(const double* q, const double* dq, i
   positions(q);
   rates(dq, s_.dq);
   kernels_.jacobian_dot_times_dq(model_, scratch_, s_.q.data(), s_.dq.data(), kernel_of(body), X_JF, a);
-}
-
-void CoupledDynamics::operational_inertia_inverse(const double* q, int body, const KernelPose& X_JF, MatrixOut Lambda_inverse) {
-  mass_matrix(q, s_.reduced);
-  ldlt(s_.reduced);
-  KernelPose X_BF;
-  MatrixOut J(s_.J_reduced);
-  kinematics(q, body, X_JF, &X_BF, &J);
-  s_.J_by_M = s_.J_reduced.transpose();
-  for (int r = 0; r < 6; ++r) solve(s_.reduced, s_.J_by_M.col(r).data());
-  Lambda_inverse.noalias() = s_.J_reduced.lazyProduct(s_.J_by_M);
 }
 
 double CoupledDynamics::potential_energy(const double* q) {

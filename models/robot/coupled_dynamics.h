@@ -36,7 +36,7 @@ struct CoupledScratch {
   static constexpr std::size_t kBatch = 64;                     // states of inverse_dynamics_batch at once
   Eigen::VectorXd q, dq, ddq, tau, zeros;                       // all
   Eigen::MatrixXd M, by_q, by_dq, J, dJ, Y;                     // all; J and dJ 6 x all, Y all x 10 all
-  Eigen::MatrixXd reduced, J_reduced, J_by_M;                   // n x n, 6 x n, n x 6
+  Eigen::MatrixXd reduced, J_reduced;                           // n x n, 6 x n
   Eigen::VectorXd h;                                            // n
   std::vector<double> batch_q, batch_dq, batch_ddq, batch_tau;  // all · kBatch
 };
@@ -55,16 +55,13 @@ class CoupledDynamics {
   void mass_matrix_and_bias(const double* q, const double* dq, MatrixOut M, VectorOut h);
   void coriolis_matrix(const double* q, const double* dq, MatrixOut C);
   void forward_dynamics(const double* q, const double* dq, const double* tau, double* ddq);
-  /// tau, M: nullptr if they are not needed.
-  void derivatives(const double* q, const double* dq, const double* ddq, double* tau, MatrixOut dtau_dq, MatrixOut dtau_ddq,
-                   MatrixOut* M);
+  void derivatives(const double* q, const double* dq, const double* ddq, MatrixOut dtau_dq, MatrixOut dtau_ddq);
   void regressor(const double* q, const double* dq, const double* ddq, MatrixOut Y);
   /// J: nullptr if it is not needed. `body` as in the RobotModel.
   void kinematics(const double* q, int body, const KernelPose& X_JF, KernelPose* X_BF, MatrixOut* J);
   void jacobian_rate(const double* q, const double* dq, int body, const KernelPose& X_JF, KernelPose* X_BF, MatrixOut J,
                      MatrixOut dJ);
   void jacobian_dot_times_dq(const double* q, const double* dq, int body, const KernelPose& X_JF, double* a);
-  void operational_inertia_inverse(const double* q, int body, const KernelPose& X_JF, MatrixOut Lambda_inverse);
   double potential_energy(const double* q);
 
  private:

@@ -141,21 +141,10 @@ void inverse_dynamics_derivatives(const Mechanism& mechanism, Data& data, const 
   assert(q.size() == m.dofs && dq.size() == m.dofs && ddq.size() == m.dofs);
   assert(dtau_dq.rows() == m.dofs && dtau_dq.cols() == m.dofs && dtau_ddq.rows() == m.dofs && dtau_ddq.cols() == m.dofs);
   if (m.coupling) {
-    return coupled(m, data).derivatives(q.data(), dq.data(), ddq.data(), nullptr, dtau_dq, dtau_ddq, nullptr);
+    return coupled(m, data).derivatives(q.data(), dq.data(), ddq.data(), dtau_dq, dtau_ddq);
   }
-  m.kernels->derivatives(m.model, data.impl().scratch.get(), q.data(), dq.data(), ddq.data(), nullptr, dtau_dq.data(),
-                         dtau_dq.outerStride(), dtau_ddq.data(), dtau_ddq.outerStride(), nullptr, 0);
-}
-
-void linearised_dynamics(const Mechanism& mechanism, Data& data, const VectorIn& q, const VectorIn& dq, const VectorIn& ddq,
-                         VectorOut tau, MatrixOut dtau_dq, MatrixOut dtau_ddq, MatrixOut M) {
-  const auto& m = mechanism.impl();
-  assert(q.size() == m.dofs && dq.size() == m.dofs && ddq.size() == m.dofs && tau.size() == m.dofs);
-  assert(dtau_dq.rows() == m.dofs && dtau_dq.cols() == m.dofs && dtau_ddq.rows() == m.dofs && dtau_ddq.cols() == m.dofs);
-  assert(M.rows() == m.dofs && M.cols() == m.dofs);
-  if (m.coupling) return coupled(m, data).derivatives(q.data(), dq.data(), ddq.data(), tau.data(), dtau_dq, dtau_ddq, &M);
-  m.kernels->derivatives(m.model, data.impl().scratch.get(), q.data(), dq.data(), ddq.data(), tau.data(), dtau_dq.data(),
-                         dtau_dq.outerStride(), dtau_ddq.data(), dtau_ddq.outerStride(), M.data(), M.outerStride());
+  m.kernels->derivatives(m.model, data.impl().scratch.get(), q.data(), dq.data(), ddq.data(), dtau_dq.data(),
+                         dtau_dq.outerStride(), dtau_ddq.data(), dtau_ddq.outerStride());
 }
 
 void regressor(const Mechanism& mechanism, Data& data, const VectorIn& q, const VectorIn& dq, const VectorIn& ddq,
@@ -216,17 +205,6 @@ void jacobian_dot_times_dq(const Mechanism& mechanism, Data& data, const VectorI
   }
   m.kernels->jacobian_dot_times_dq(m.model, data.impl().scratch.get(), q.data(), dq.data(), frame.body, kernel_pose(frame.X_BF),
                                    a.data());
-}
-
-void operational_inertia_inverse(const Mechanism& mechanism, Data& data, const VectorIn& q, const FrameOnBody& frame,
-                                 Eigen::Ref<Eigen::Matrix<double, 6, 6>> Lambda_inverse) {
-  const auto& m = mechanism.impl();
-  assert(q.size() == m.dofs && frame.body < m.model.n);
-  if (m.coupling) {
-    return coupled(m, data).operational_inertia_inverse(q.data(), frame.body, kernel_pose(frame.X_BF), Lambda_inverse);
-  }
-  m.kernels->operational_inertia_inverse(m.model, data.impl().scratch.get(), q.data(), frame.body, kernel_pose(frame.X_BF),
-                                         Lambda_inverse.data(), Lambda_inverse.outerStride());
 }
 
 double kinetic_energy(const Mechanism& mechanism, Data& data, const VectorIn& q, const VectorIn& dq) {

@@ -82,10 +82,6 @@ void forward_dynamics(const Mechanism&, Data&, const VectorIn& q, const VectorIn
 /// ∂τ/∂q and ∂τ/∂q̇ of inverse dynamics (n x n each); ∂τ/∂q̈ is M.
 void inverse_dynamics_derivatives(const Mechanism&, Data&, const VectorIn& q, const VectorIn& dq, const VectorIn& ddq,
                                   MatrixOut dtau_dq, MatrixOut dtau_ddq);
-/// As above with τ and M in one pass, for implicit methods with the residual M q̈ + C q̇ + g − τ. Derivatives of forward dynamics
-/// at q̈ = forward_dynamics(q, q̇, τ): ∂q̈/∂q = −M⁻¹ ∂τ/∂q, ∂q̈/∂q̇ = −M⁻¹ ∂τ/∂q̇, ∂q̈/∂τ = M⁻¹.
-void linearised_dynamics(const Mechanism&, Data&, const VectorIn& q, const VectorIn& dq, const VectorIn& ddq, VectorOut tau,
-                         MatrixOut dtau_dq, MatrixOut dtau_ddq, MatrixOut M);
 /// Y with τ = Y π (n x 10 body_count()); π stacks Inertia::parameters() of every body in its own (URDF) frame.
 void regressor(const Mechanism&, Data&, const VectorIn& q, const VectorIn& dq, const VectorIn& ddq, MatrixOut Y);
 
@@ -99,9 +95,6 @@ Pose jacobian(const Mechanism&, Data&, const VectorIn& q, const VectorIn& dq, co
 /// J̇ q̇ (6).
 void jacobian_dot_times_dq(const Mechanism&, Data&, const VectorIn& q, const VectorIn& dq, const FrameOnBody& frame,
                            Eigen::Ref<Twist> a);
-/// Λ⁻¹ = J M⁻¹ Jᵀ (6 x 6), V-B.
-void operational_inertia_inverse(const Mechanism&, Data&, const VectorIn& q, const FrameOnBody& frame,
-                                 Eigen::Ref<Eigen::Matrix<double, 6, 6>> Lambda_inverse);
 
 /// ½ q̇ᵀ M q̇ and −Σ m_i gᵀ p_i (0 if every centre of mass is at the base's origin).
 double kinetic_energy(const Mechanism&, Data&, const VectorIn& q, const VectorIn& dq);

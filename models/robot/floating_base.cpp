@@ -144,19 +144,6 @@ void floating_inverse_dynamics(const FloatingMechanism& mechanism, FloatingData&
   tau = d.tau.tail(n);
 }
 
-void floating_forward_dynamics(const FloatingMechanism& mechanism, FloatingData& d, const VectorIn& q, const VectorIn& dq,
-                               const VectorIn& tau, const Twist& V_B, const Wrench& W, const Eigen::Vector3d& gravity,
-                               VectorOut ddq, Twist& A_B) {
-  const Eigen::Index n = mechanism.n();
-  assert(q.size() == n && dq.size() == n && tau.size() == n && ddq.size() == n);
-  d.q.tail(n) = q;
-  d.dq << V_B, dq;
-  d.tau << W, tau;
-  forward_dynamics(mechanism.with_base(), d.data, d.q, d.dq, d.tau, d.ddq);
-  A_B << d.ddq.head<3>() + gravity, d.ddq.segment<3>(3) + turning_axes(V_B.tail<3>());
-  ddq = d.ddq.tail(n);
-}
-
 // The accelerations of the base's joints are zero here instead of A_B: any choice of A_B cancels, because b* is orthogonal to
 // the base's motion.
 void reduced_inverse_dynamics(const FloatingMechanism& mechanism, FloatingData& d, const FloatingInertia& inertia,

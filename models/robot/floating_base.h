@@ -90,10 +90,6 @@ Pose generalised_jacobian(const FloatingMechanism&, FloatingData&, const Floatin
 void floating_inverse_dynamics(const FloatingMechanism&, FloatingData&, const VectorIn& q, const VectorIn& dq,
                                const VectorIn& ddq, const Twist& V_B, const Twist& A_B, const Eigen::Vector3d& gravity,
                                VectorOut tau, Wrench& W);
-/// q̈ and A_B under τ and W, by articulated bodies.
-void floating_forward_dynamics(const FloatingMechanism&, FloatingData&, const VectorIn& q, const VectorIn& dq,
-                               const VectorIn& tau, const Twist& V_B, const Wrench& W, const Eigen::Vector3d& gravity,
-                               VectorOut ddq, Twist& A_B);
 
 /// M* q̈ + b* of a robot with the angular momentum `spin` about its centre of mass (in B, N m s; zero: at rest before it moved
 /// its joints) under the wrench W on the base. `inertia` at q. Linear velocity and gravity have no influence.

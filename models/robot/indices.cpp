@@ -135,7 +135,7 @@ void turn_jacobian(const Mechanism& mechanism, Data& data, const VectorIn& q, co
 
 /// Axes and lengths of {A x, ‖x‖ ≤ 1} from Aᵀ in `rows`: rotations of A's rows until they are at right angles (one-sided Jacobi
 /// method, Hestenes 1958), which leaves small lengths accurate. Eigen's JacobiSVD of a matrix with n rows allocates.
-void take_axes(Manipulability& m, Ellipsoid& ellipsoid) {
+void compute_axes(Manipulability& m, Ellipsoid& ellipsoid) {
   Eigen::Matrix3d V = Eigen::Matrix3d::Identity();
   bool turned = true;
   for (int sweep = 0; turned && sweep < kMostSweeps; ++sweep) {
@@ -244,9 +244,9 @@ Manipulability::Manipulability(int n) : rows(n, 3) {}
 
 void kinematic_manipulability(const FrameInertia& f, Manipulability& m) {
   m.rows = f.J.topRows<3>().transpose();
-  take_axes(m, m.translation);
+  compute_axes(m, m.translation);
   m.rows = f.J.bottomRows<3>().transpose();
-  take_axes(m, m.rotation);
+  compute_axes(m, m.rotation);
   m.translation.centre.setZero();
   m.rotation.centre.setZero();
 }
@@ -256,9 +256,9 @@ void dynamic_manipulability(const Mechanism& mechanism, Data& data, const Vector
   const Eigen::Index n = f.D.size();
   assert(q.size() == n && dq.size() == n && tau_max.size() == n);
   for (Eigen::Index i = 0; i < n; ++i) m.rows.row(i) = tau_max[i] * f.J_over_M.col(i).head<3>().transpose();
-  take_axes(m, m.translation);
+  compute_axes(m, m.translation);
   for (Eigen::Index i = 0; i < n; ++i) m.rows.row(i) = tau_max[i] * f.J_over_M.col(i).tail<3>().transpose();
-  take_axes(m, m.rotation);
+  compute_axes(m, m.rotation);
   if (f.massless) m.translation.lengths = m.rotation.lengths = Eigen::Vector3d::Constant(kInfinite);
 
   Twist centre;

@@ -203,13 +203,4 @@ std::vector<Vector3d> load_hull(const std::filesystem::path& file, const Vector3
   }
 }
 
-std::vector<Vector3d> parse_hull(std::string_view bytes, MeshFormat format, const std::string& place, const Vector3d& scale) {
-  const Mesh mesh = parse_mesh(bytes, format, place, scale);
-  try {
-    return convex_hull(mesh.vertices).vertices;
-  } catch (const Error& e) {
-    throw Error(place, e.what());
-  }
-}
-
 }  // namespace cotwin::scene

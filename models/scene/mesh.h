@@ -32,8 +32,6 @@ Mesh parse_mesh(std::string_view bytes, MeshFormat format, const std::string& pl
 /// The vertices of the convex hull of a mesh. Throws Error for a mesh without extent in some direction.
 std::vector<Eigen::Vector3d> load_hull(const std::filesystem::path& file,
                                        const Eigen::Vector3d& scale = Eigen::Vector3d::Ones());
-std::vector<Eigen::Vector3d> parse_hull(std::string_view bytes, MeshFormat format, const std::string& place,
-                                        const Eigen::Vector3d& scale = Eigen::Vector3d::Ones());
 
 /// The triangles as shapes, numbered from 1, with solid of these depths (m, one per triangle) behind them. Edges that are smooth or
 /// concave are marked.

@@ -26,8 +26,6 @@ Eigen::Matrix3d diagonal(double xx, double yy, double zz) { return Vector3d(xx, 
 
 }  // namespace
 
-double deviation_from_round(const RoundHole& hole) { return hole.radius * (1 / std::cos(M_PI / hole.facets) - 1); }
-
 std::vector<Shape> round_hole(const RoundHole& hole) {
   const std::string place = "round hole";
   const auto expect = [&](bool holds, const std::string& what) {

@@ -15,9 +15,6 @@ struct RoundHole {
   int facets = 64;               // number of flat faces; each is a separate convex piece
 };
 
-/// Distance of the facets' corners from the circle, radius (1/cos(π/facets) − 1); their middles touch it.
-double deviation_from_round(const RoundHole& hole);
-
 /// The plate as a ring of convex pieces in its frame. Throws Error for a hole that does not fit into the plate.
 std::vector<Shape> round_hole(const RoundHole& hole);
 

@@ -69,7 +69,6 @@ int main(int argc, char** argv) {
   const FrameOnBody tool = on_body(robot.end_effector());
   Eigen::VectorXd out(n);
   Eigen::MatrixXd M(n, n), A(n, n), J(6, n), Y(n, 10 * n), taus(kStates, n);
-  Eigen::Matrix<double, 6, 6> Lambda;
 
   for (std::size_t s = 0; s < kStates; ++s) {  // check that the peers have the same robot and the same functions
     for (const auto& peer : peers) {
@@ -90,9 +89,6 @@ int main(int argc, char** argv) {
       forward_dynamics(mechanism, data, states.q[s], states.dq[s], states.tau[s], out);
       peer->forward_dynamics(s);
       equal("acceleration", out, peer->out, 1e-7);  // the mass matrix has a condition of 1e3
-      operational_inertia_inverse(mechanism, data, states.q[s], tool, Lambda);
-      peer->operational_inertia_inverse(s);
-      equal("J M^-1 J^T", Lambda, peer->Lambda);
     }
   }
 
@@ -133,10 +129,6 @@ int main(int argc, char** argv) {
   rows("forward dynamics", 0.33, &benchmark::DynamicsPeer::forward_dynamics, [&](std::size_t s) {
     forward_dynamics(mechanism, data, states.q[s], states.dq[s], states.tau[s], out);
     benchmark::keep(out);
-  });
-  rows("J M^-1 J^T", 0.33, &benchmark::DynamicsPeer::operational_inertia_inverse, [&](std::size_t s) {
-    operational_inertia_inverse(mechanism, data, states.q[s], tool, Lambda);
-    benchmark::keep(Lambda);
   });
   row("Coriolis matrix", 0.35, [&](std::size_t s) {
     coriolis_matrix(mechanism, data, states.q[s], states.dq[s], M);

@@ -55,11 +55,6 @@ class Kdl final : public DynamicsPeer {
     forward_.CartToJnt(q_[s], dq_[s], tau_[s], no_wrenches_, result_);
     out = result_.data;
   }
-  void operational_inertia_inverse(std::size_t s) override {
-    mass_matrix(s);
-    jacobian(s);
-    Lambda.noalias() = J * M.llt().solve(J.transpose());
-  }
 
  private:
   static KDL::JntArray array(const Eigen::VectorXd& v) {
@@ -90,7 +85,6 @@ class MuJoCoDynamics final : public DynamicsPeer {
     out.resize(model->nv);
     M.resize(model->nv, model->nv);
     J.resize(6, model->nv);
-    solved_.resize(model->nv, 6);
     rows_.resize(6, model->nv);
   }
   ~MuJoCoDynamics() override {
@@ -127,14 +121,6 @@ class MuJoCoDynamics final : public DynamicsPeer {
     mju_sub(data_->qfrc_smooth, states_.tau[s].data(), data_->qfrc_bias, model_->nv);
     mj_solveM(model_, data_, out.data(), data_->qfrc_smooth, 1);
   }
-  void operational_inertia_inverse(std::size_t s) override {
-    place(s);
-    mj_crb(model_, data_);
-    mj_factorM(model_, data_);
-    mj_jacBody(model_, data_, rows_.data(), rows_.data() + 3 * model_->nv, body_);
-    mj_solveM(model_, data_, solved_.data(), rows_.data(), 6);
-    Lambda.noalias() = rows_ * solved_;
-  }
 
  private:
   void place(std::size_t s) {
@@ -151,7 +137,6 @@ class MuJoCoDynamics final : public DynamicsPeer {
   mjModel* model_;
   mjData* data_;
   int body_ = 0;
-  Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic> solved_;                 // n x 6: rows_ᵀ is stored row by row
   Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> rows_;  // 6 x n
 };
 

@@ -24,11 +24,9 @@ class DynamicsPeer {
   virtual void jacobian(std::size_t state) = 0;          // pose and Jacobian of the last body, into `J`
   virtual void forward_dynamics(std::size_t state) = 0;  // accelerations into `out`
   /// J M⁻¹ Jᵀ into `Lambda`, from the library's own J and M.
-  virtual void operational_inertia_inverse(std::size_t state) = 0;
 
-  Eigen::VectorXd out;                 // n
-  Eigen::MatrixXd M, J;                // n x n, 6 x n
-  Eigen::Matrix<double, 6, 6> Lambda;  // in this project's sense: the inverse of the operational inertia
+  Eigen::VectorXd out;   // n
+  Eigen::MatrixXd M, J;  // n x n, 6 x n
 };
 
 /// Orocos KDL.

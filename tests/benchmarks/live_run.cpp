@@ -74,7 +74,7 @@ class Viewer {
           std::this_thread::sleep_for(std::chrono::microseconds(16'667));
           watch_.request();
         }
-        if (watch_.wait(bus::monotonic_ns() + 100'000'000) && watch_.take_newest(sample)) ++taken_;
+        if (watch_.wait(bus::monotonic_ns() + 100'000'000) && watch_.pop_newest(sample)) ++taken_;
       }
     });
   }

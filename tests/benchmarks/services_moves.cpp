@@ -150,7 +150,9 @@ int main(int argc, char** argv) {
     } else if (i + 1 < argc && name == "--degree") {
       degree = std::atoi(argv[++i]);
     } else if (i + 1 < argc && name == "--cost") {
-      quantity = quantity_of(argv[++i]);
+      const std::string cost = argv[++i];
+      for (int q = 0; q <= static_cast<int>(Quantity::kStiffness); ++q)
+        if (cost == to_text(static_cast<Quantity>(q))) quantity = static_cast<Quantity>(q);
     } else {
       std::fprintf(stderr, "services_moves: argument '%s', expected --robots, --moves, --part, --degree, --cost or --table\n",
                    argv[i]);

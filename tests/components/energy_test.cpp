@@ -56,7 +56,7 @@ class Meter {
   }
   std::vector<std::string> told() {
     std::vector<std::string> sentences;
-    instance_.unit->tell(sentences);
+    instance_.unit->append_notes(sentences);
     return sentences;
   }
 

@@ -13,6 +13,7 @@
 #include "models/robot/changes/attachment.h"
 #include "models/robot/indices.h"
 #include "models/robot/urdf/urdf.h"
+#include "tests/models/robot/floating_dynamics.h"
 #include "tests/support/error_of.h"
 #include "tests/support/files.h"
 #include "tests/support/places.h"

@@ -154,7 +154,7 @@ TEST_F(Clocks, AreReportedAfterTheRun) {
   instance.unit->initialise({});
   EXPECT_EQ(run(instance, 0, 1, 0.1), StepResult::kDone);
   std::vector<std::string> notes;
-  instance.unit->tell(notes);
+  instance.unit->append_notes(notes);
   EXPECT_THAT(notes, Contains("28 ticks of its input clocks"));
 }
 

@@ -70,13 +70,13 @@ TEST(ReadDescription, ReadsArraysAliasesTypesAndSpecialNumbers) {
       "<Alias name='B'/></Float64>"
       "<Binary name='b' valueReference='3' causality='input'><Start "
       "value='00fF'/></Binary></ModelVariables><ModelStructure/></fmiModelDescription>");
-  EXPECT_EQ(elements(d, d.variables[1]), 6u);
-  EXPECT_EQ(elements(d, d.variables[1], {{1, 5}}), 15u);
-  EXPECT_EQ(effective(d, d.variables[1]).unit, "deg");
-  EXPECT_EQ(effective(d, d.variables[1]).max, 180);
+  EXPECT_EQ(DescriptionIndex(d).elements(d.variables[1]), 6u);
+  EXPECT_EQ(DescriptionIndex(d).elements(d.variables[1], {{1, 5}}), 15u);
+  EXPECT_EQ(DescriptionIndex(d).effective(d.variables[1]).unit, "deg");
+  EXPECT_EQ(DescriptionIndex(d).effective(d.variables[1]).max, 180);
   EXPECT_EQ(d.variables[1].aliases.at(0).name, "B");
   EXPECT_EQ(std::get<std::vector<std::vector<std::uint8_t>>>(d.variables[2].start).at(0), (std::vector<std::uint8_t>{0, 255}));
-  EXPECT_THROW(static_cast<void>(elements(d, d.variables[1], {{1, 1ull << 40}})), Error);
+  EXPECT_THROW(static_cast<void>(DescriptionIndex(d).elements(d.variables[1], {{1, 1ull << 40}})), Error);
 }
 
 TEST(ReadDescription, RefusesInvalidDescriptionsAndNamesTheLine) {

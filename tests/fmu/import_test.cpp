@@ -185,7 +185,7 @@ TEST_F(Import, UsesTheSlopeOfTheLastStepIfAnFmuRefusesToProvideIt) {
     }
     if (options.process == ProcessChoice::kOwn) continue;
     std::vector<std::string> notes;
-    instance.unit->tell(notes);
+    instance.unit->append_notes(notes);
     EXPECT_THAT(notes,
                 ElementsAre(HasSubstr("the FMU gives no derivative of 'z' (fmi2GetRealOutputDerivatives returned error")));
     const std::uint64_t before = cotwin::testing::allocations();
@@ -503,7 +503,7 @@ TEST_F(Import, ReportsTheRequestsOfTheFmuAfterwards) {
   polite.unit->initialise({});
   EXPECT_EQ(run(polite, 0, 1, 0.01), StepResult::kDone);
   std::vector<std::string> notes;
-  polite.unit->tell(notes);
+  polite.unit->append_notes(notes);
   EXPECT_THAT(
       notes, ElementsAre("100 early returns from a step; the step was continued from there", "3 events handled in event mode"));
   discards.unit->initialise({});
@@ -511,7 +511,7 @@ TEST_F(Import, ReportsTheRequestsOfTheFmuAfterwards) {
   before.take(discards.variables, *discards.unit);
   EXPECT_EQ(step(discards, 0, 0.1), StepResult::kDiscard);
   notes.clear();
-  discards.unit->tell(notes);
+  discards.unit->append_notes(notes);
   EXPECT_THAT(notes, ElementsAre("1 step discarded, the last one at 0 s"));
 }
 

@@ -131,8 +131,9 @@ struct Piece {
   std::vector<const ModelVariable*> inputs, reals, others;  // reals: outputs and locals; others: outputs of other types
 
   std::size_t count(const std::vector<const ModelVariable*>& variables) const {
+    const DescriptionIndex index(description);
     std::size_t n = 0;
-    for (const ModelVariable* v : variables) n += elements(description, *v);
+    for (const ModelVariable* v : variables) n += index.elements(*v);
     return n;
   }
 };
@@ -205,9 +206,10 @@ void append_excitation(std::ostream& out, const Piece& piece, int number) {
   append_references(out, piece.inputs);
   out << ' ' << piece.count(piece.inputs);
   std::size_t channel = 0;
+  const DescriptionIndex index(piece.description);
   for (const ModelVariable* v : piece.inputs) {
-    const Numeric limits = effective(piece.description, *v);
-    for (std::size_t i = 0; i < elements(piece.description, *v); ++i, ++channel) {
+    const Numeric limits = index.effective(*v);
+    for (std::size_t i = 0; i < index.elements(*v); ++i, ++channel) {
       const double wave = 0.1 * std::sin(0.013 * number + 0.7 * static_cast<double>(channel));
       out << ' ' << bits(std::min(std::max(wave, limits.min.value_or(-1)), limits.max.value_or(1)));
     }
@@ -247,7 +249,7 @@ std::string script_of(const Piece& piece, const Platform& where) {
   for (const ModelVariable* v : piece.others) {
     out << (v->type == Type::kBoolean ? "boolean" : v->type == Type::kInt32 ? "integer" : "text");
     append_references(out, {v});
-    out << ' ' << elements(piece.description, *v) << '\n';
+    out << ' ' << piece.count({v}) << '\n';
   }
   if (interface.can_serialise_state) {
     out << "new\nrestore\n";
@@ -283,6 +285,7 @@ struct Difference {
   std::string variable;
 };
 Difference difference(const Piece& piece, std::span<const std::string> a, std::span<const std::string> b) {
+  const DescriptionIndex index(piece.description);
   std::vector<double> largest(piece.reals.size()), apart(piece.reals.size());
   for (std::size_t step = 0; step < kSteps; ++step) {
     const std::vector<double> x = reals(a[step]), y = reals(b[step]);
@@ -290,7 +293,7 @@ Difference difference(const Piece& piece, std::span<const std::string> a, std::s
     EXPECT_EQ(x.size(), y.size());
     std::size_t k = 0;
     for (std::size_t v = 0; v < piece.reals.size(); ++v) {
-      for (std::size_t i = 0; i < elements(piece.description, *piece.reals[v]); ++i, ++k) {
+      for (std::size_t i = 0; i < index.elements(*piece.reals[v]); ++i, ++k) {
         largest[v] = std::max(largest[v], std::abs(x.at(k)));
         apart[v] = std::max(apart[v], std::abs(x.at(k) - y.at(k)));
       }

@@ -351,7 +351,7 @@ TEST_F(HarmfulFmu, MayWriteAnythingAndTheBeginningIsShown) {
   ::testing::internal::CaptureStderr();
   for (int i = 0; i < 6; ++i) ASSERT_EQ(step(instance, i * 0.1, 0.1), StepResult::kDone);
   std::vector<std::string> notes;
-  instance.unit->tell(notes);
+  instance.unit->append_notes(notes);
   const std::string shown = ::testing::internal::GetCapturedStderr();
   EXPECT_THAT(shown, ::testing::StartsWith("line 0 of five thousand\nline 1 "));
   EXPECT_THAT(shown, HasSubstr("wrote more than 64 KiB to stdout and stderr; the rest is not shown"));

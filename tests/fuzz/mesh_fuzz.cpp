@@ -11,7 +11,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const std::string_view bytes(reinterpret_cast<const char*>(data), size);
   for (const scene::MeshFormat format : {scene::MeshFormat::kStl, scene::MeshFormat::kObj, scene::MeshFormat::kCollada}) {
     try {
-      const std::vector<Eigen::Vector3d> hull = scene::parse_hull(bytes, format, "mesh");
+      const std::vector<Eigen::Vector3d> hull = scene::convex_hull(scene::parse_mesh(bytes, format, "mesh").vertices).vertices;
       if (hull.size() < 4) std::abort();
       for (const Eigen::Vector3d& vertex : hull) {
         if (!vertex.allFinite()) std::abort();

@@ -20,7 +20,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   }
   static_cast<void>(fmu::check_description(description));
   std::size_t elements = 0;
-  for (const fmu::ModelVariable& v : description.variables) elements += fmu::elements(description, v);
+  const fmu::DescriptionIndex index(description);
+  for (const fmu::ModelVariable& v : description.variables) elements += index.elements(v);
   if (elements < 100'000) {
     try {
       fmu::ForeignVariables foreign(description, {true, {}, true});

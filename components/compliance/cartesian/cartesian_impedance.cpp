@@ -55,9 +55,9 @@ void CartesianMotion::start_impedance(const Measured& measured, std::span<const 
   impedance_limits_->start(q_scratch_, limits);
 }
 
-void CartesianMotion::impede(Links& links, const FromJoints& in, const robot::DriveParameters& drives, const Measured& measured,
-                             const Joints& shaping, std::span<const Limits> limits, const Joints& tau_e, double h,
-                             Joints& tau_m) {
+void CartesianMotion::impede(LinkDynamics& links, const FromJoints& in, const robot::DriveParameters& drives,
+                             const Measured& measured, const Joints& shaping, std::span<const Limits> limits,
+                             const Joints& tau_e, double h, Joints& tau_m) {
   const Motion d = desired(links, in);
   const Quaterniond Q_c = quaternion(quat_before_);
   // Measurements hold at the beginning of the step.
@@ -125,7 +125,7 @@ void CartesianMotion::impede(Links& links, const FromJoints& in, const robot::Dr
 bool CartesianMotion::needs_check(double h) const { return checked_step_ > 0 ? h >= 2 * checked_step_ : h > 0; }
 
 /// Borders, which take much longer than the check, are sought only in the first step.
-void CartesianMotion::check_sampling(Links& links, const ElasticFrame& frame, const ElasticPosture& posture,
+void CartesianMotion::check_sampling(LinkDynamics& links, const ElasticFrame& frame, const ElasticPosture& posture,
                                      const robot::DriveParameters& drives, const Joints& shaping, double h) {
   if ((met_ & kSampling) != 0) return;               // it is told with its borders, which are those of that step
   const double ratio = impedance_->stiffness_ratio;  // an output, which linearise() changes
@@ -174,7 +174,7 @@ void CartesianMotion::append_sampling(std::string& warning) const {
   if (stiffness_border_ > 0) warning += ", S_T and K_o <= ", append(stiffness_border_, " of their values");
 }
 
-void CartesianMotion::find_contact_stiffness(Links& links, const robot::DriveParameters& drives, const Gains& gains,
+void CartesianMotion::find_contact_stiffness(LinkDynamics& links, const robot::DriveParameters& drives, const Gains& gains,
                                              double bandwidth, bool feeds_wrench_forward, const Joints& tau_max, double h) {
   // One frequency a step for the first result, then one every kPause steps.
   constexpr std::int32_t kPause = 16;
@@ -196,7 +196,7 @@ void CartesianMotion::find_contact_stiffness(Links& links, const robot::DrivePar
     }
     contact_turn_ = std::max(contact_turn_, kPause);
   } else {
-    take_robot_in_contact(links, drives, gains, R_T, R_R);
+    update_robot_in_contact(links, drives, gains, R_T, R_R);
     following_.bandwidth = bandwidth;
     following_.feeds_wrench_forward = feeds_wrench_forward;
     links.gravity(joints_.q, tau_scratch_);
@@ -219,7 +219,7 @@ void CartesianMotion::find_contact_stiffness(Links& links, const robot::DrivePar
   }
 }
 
-/// Whether the motors vibrate without a contact. After take_robot_in_contact().
+/// Whether the motors vibrate without a contact. After update_robot_in_contact().
 void CartesianMotion::check_following(const robot::DriveParameters& drives, double h) {
   const FollowingRobot& r = following_;
   sampled_.M = r.M;
@@ -239,8 +239,8 @@ void CartesianMotion::check_following(const robot::DriveParameters& drives, doub
 }
 
 /// R_T, R_R: axes of translation and rotation in B.
-void CartesianMotion::take_robot_in_contact(Links& links, const robot::DriveParameters& drives, const Gains& gains,
-                                            const Matrix3d& R_T, const Matrix3d& R_R) {
+void CartesianMotion::update_robot_in_contact(LinkDynamics& links, const robot::DriveParameters& drives, const Gains& gains,
+                                              const Matrix3d& R_T, const Matrix3d& R_R) {
   FollowingRobot& r = following_;
   const Index n = joints_.q.size();
   links.jacobian(joints_.q, joints_.frame(), J_);

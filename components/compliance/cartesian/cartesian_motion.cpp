@@ -153,7 +153,7 @@ CartesianMotion::CartesianMotion(Settings& settings, const robot::RobotModel& ro
   contact_total_.setZero(n, n);
 }
 
-void CartesianMotion::take_frames() {
+void CartesianMotion::update_frames() {
   const Quaterniond Q_FE = orientation(quat_FE_, place_, "quat_FE");
   joints_.set_frame({frame_.body, frame_.X_BF * Pose{Q_FE.toRotationMatrix(), vector(p_FE_)}});
   Q_WB_ = orientation(quat_WB_, place_, "quat_WB");
@@ -182,7 +182,7 @@ Matrix3d CartesianMotion::axes(const Quaterniond& Q_d, const Quaterniond& Q_c) c
   return (axes_ == Axes::kDesired ? Q_d : Q_c).toRotationMatrix();
 }
 
-CartesianMotion::Motion CartesianMotion::desired(Links& links, const FromJoints& in) {
+CartesianMotion::Motion CartesianMotion::desired(LinkDynamics& links, const FromJoints& in) {
   Motion d;
   if (desired_joints_) {
     q_scratch_ = map(in.q_d);
@@ -208,7 +208,8 @@ CartesianMotion::Motion CartesianMotion::desired(Links& links, const FromJoints&
   return d;
 }
 
-void CartesianMotion::take_wrench(Links& links, const FromJoints& in, std::vector<double>& tau, std::vector<double>& rate) {
+void CartesianMotion::update_wrench(LinkDynamics& links, const FromJoints& in, std::vector<double>& tau,
+                                    std::vector<double>& rate) {
   q_scratch_ = map(in.q);
   const Pose X = links.jacobian(q_scratch_, joints_.frame(), J_);
   const Quaterniond Q(X.R);
@@ -245,7 +246,7 @@ void CartesianMotion::take_wrench(Links& links, const FromJoints& in, std::vecto
 }
 
 /// Weight less inertia of what is mounted behind the sensor, in B about the sensor's origin, as the compliant motion moves it.
-Wrench CartesianMotion::inertia_of_tool(Links& links, const Pose& X_S) {
+Wrench CartesianMotion::inertia_of_tool(LinkDynamics& links, const Pose& X_S) {
   Wrench w = Wrench::Zero();
   if (tool_mass_ == 0) return w;
   Twist a;
@@ -329,8 +330,8 @@ CartesianMotion::Motion CartesianMotion::compliant(const Motion& d, const Wrench
   return c;
 }
 
-void CartesianMotion::start(Links& links, const FromJoints& in) {
-  take_frames();
+void CartesianMotion::start(LinkDynamics& links, const FromJoints& in) {
+  update_frames();
   in_force_ = wanted_;
   in_force_is_checked_ = true;
   is_prepared_ = false;
@@ -365,7 +366,7 @@ void CartesianMotion::start(Links& links, const FromJoints& in) {
 }
 
 void CartesianMotion::follow(double remaining, double h) {
-  news_ = false;
+  warnings_changed_ = false;
   self_motion_.follow(remaining);
   if (settled_) return;
   towards_ = wanted_;
@@ -385,7 +386,7 @@ void CartesianMotion::follow(double remaining, double h) {
   tank_ = tank.energy;
 }
 
-void CartesianMotion::advance(Links& links, const FromJoints& in, std::span<const Limits> limits, double h) {
+void CartesianMotion::advance(LinkDynamics& links, const FromJoints& in, std::span<const Limits> limits, double h) {
   const Motion d = desired(links, in);
   const Wrench F0 = rendered(F_), F1 = rendered(F_ + h * dF_);
   const Quaterniond Q_d0 = quaternion(quat_d_before_), Q_c0 = quaternion(quat_before_);
@@ -434,7 +435,7 @@ void CartesianMotion::advance(Links& links, const FromJoints& in, std::span<cons
   write_outputs(links, c.pose);
 }
 
-void CartesianMotion::write_outputs(Links& links, const MovingPose& c) {
+void CartesianMotion::write_outputs(LinkDynamics& links, const MovingPose& c) {
   const Matrix3d& R_WB = X_WB_.R;
   p_c_ = array(Vector3d(X_WB_ * c.p));
   const Quaterniond Q = Q_WB_ * c.Q;
@@ -455,14 +456,14 @@ void CartesianMotion::write_outputs(Links& links, const MovingPose& c) {
 }
 
 void CartesianMotion::restored() {
-  take_frames();
+  update_frames();
   is_prepared_ = in_force_is_checked_ = settled_ = false;
 }
 
-void CartesianMotion::note(Met what) {
+void CartesianMotion::note(WarningBit what) {
   if ((met_ & what) != 0) return;
   met_ |= what;
-  news_ = true;
+  warnings_changed_ = true;
 }
 
 std::size_t CartesianMotion::longest_warning() {

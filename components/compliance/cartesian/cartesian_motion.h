@@ -47,13 +47,13 @@ class CartesianMotion {
     const std::vector<double>&q_d, &dq_d, &ddq_d, &q, &tau_e, &tau_e_rate;
   };
   /// The compliant frame starts where the robot is.
-  void start(Links& links, const FromJoints& in);
+  void start(LinkDynamics& links, const FromJoints& in);
   /// Parameters move towards the tunables: `remaining` of each difference is left, in a step of h seconds.
   void follow(double remaining, double h);
-  void advance(Links& links, const FromJoints& in, std::span<const Limits> limits, double h);
+  void advance(LinkDynamics& links, const FromJoints& in, std::span<const Limits> limits, double h);
   /// Takes the wrench and the measured pose at the beginning of a step. Of a sensor's wrench the joint torques J(q)ᵀ [f; m] and
   /// their rates are written into `tau`, `rate`.
-  void take_wrench(Links& links, const FromJoints& in, std::vector<double>& tau, std::vector<double>& rate);
+  void update_wrench(LinkDynamics& links, const FromJoints& in, std::vector<double>& tau, std::vector<double>& rate);
   /// Takes `energy`, J, from the motion of the compliant frame: what the motors could not give.
   void brake(double energy);
   bool brakes_saturated() const { return brake_saturated_; }
@@ -62,24 +62,24 @@ class CartesianMotion {
   void start_impedance(const Measured& measured, std::span<const Limits> limits);
   /// The motor torques over a step of h seconds, without friction. `tau_e`, N.m: the measured torque that acts on the robot. joints()
   /// is q̄ and the desired motion in the joints.
-  void impede(Links& links, const FromJoints& in, const robot::DriveParameters& drives, const Measured& measured,
+  void impede(LinkDynamics& links, const FromJoints& in, const robot::DriveParameters& drives, const Measured& measured,
               const Joints& shaping, std::span<const Limits> limits, const Joints& tau_e, double h, Joints& tau_m);
   /// Goes on with the search for the largest stiffness of an environment (contact_stiffness.h). `bandwidth`: of the winding-up of
   /// elastic joints; `tau_max`, N.m: 0: no limit. After advance().
-  void find_contact_stiffness(Links& links, const robot::DriveParameters& drives, const Gains& gains, double bandwidth,
+  void find_contact_stiffness(LinkDynamics& links, const robot::DriveParameters& drives, const Gains& gains, double bandwidth,
                               bool feeds_wrench_forward, const Joints& tau_max, double h);
   /// After the states were written.
   void restored();
 
   const JointMotion& joints() const { return joints_; }
   /// Whether something happened in the last call for the first time since the start.
-  bool news() const { return news_; }
+  bool warnings_changed() const { return warnings_changed_; }
   void append_warning(std::string& warning) const;
   static std::size_t longest_warning();
 
  private:
   enum class Axes { kWorld, kDesired, kTool };
-  enum Met : std::int32_t {
+  enum WarningBit : std::int32_t {
     kSingular = 1,
     kTask = 2,
     kTank = 4,
@@ -99,25 +99,25 @@ class CartesianMotion {
     Twist acceleration = Twist::Zero();
   };
 
-  void take_frames();
-  Motion desired(Links& links, const FromJoints& in);
-  Wrench inertia_of_tool(Links& links, const Pose& X_S);
+  void update_frames();
+  Motion desired(LinkDynamics& links, const FromJoints& in);
+  Wrench inertia_of_tool(LinkDynamics& links, const Pose& X_S);
   Wrench rendered(const Wrench& F) const;
   void prepare(const Eigen::Matrix3d& R_BA, const Eigen::Matrix3d& R_d, double h);
   Eigen::Vector3d moment_in_desired(const Eigen::Matrix3d& R_d, const Wrench& F, const Eigen::Vector3d& x) const;
   Motion compliant(const Motion& d, const Wrench& F);
-  void write_outputs(Links& links, const MovingPose& c);
+  void write_outputs(LinkDynamics& links, const MovingPose& c);
   bool confine_frame(const Motion& d, const Turn& turn, const Eigen::Vector3d& x, const Eigen::Vector3d& dx,
                      const Wrench& F_mean, double h);
-  void hold_frame_at_joints(Links& links, const Motion& d, Motion& c);
-  void note(Met what);
+  void hold_frame_at_joints(LinkDynamics& links, const Motion& d, Motion& c);
+  void note(WarningBit what);
   bool needs_check(double h) const;
-  void check_sampling(Links& links, const ElasticFrame& frame, const ElasticPosture& posture,
+  void check_sampling(LinkDynamics& links, const ElasticFrame& frame, const ElasticPosture& posture,
                       const robot::DriveParameters& drives, const Joints& shaping, double h);
   void append_sampling(std::string& warning) const;
   void check_following(const robot::DriveParameters& drives, double h);
-  void take_robot_in_contact(Links& links, const robot::DriveParameters& drives, const Gains& gains, const Eigen::Matrix3d& R_T,
-                             const Eigen::Matrix3d& R_R);
+  void update_robot_in_contact(LinkDynamics& links, const robot::DriveParameters& drives, const Gains& gains,
+                               const Eigen::Matrix3d& R_T, const Eigen::Matrix3d& R_R);
   JointMotionGains gains() const;
   Eigen::Matrix3d axes(const Eigen::Quaterniond& Q_d, const Eigen::Quaterniond& Q_c) const;
 
@@ -201,7 +201,7 @@ class CartesianMotion {
   RotationStep rotation_step_;
   Eigen::VectorXd q_scratch_, dq_scratch_, ddq_scratch_, tau_scratch_;
   Eigen::Matrix<double, 6, Eigen::Dynamic> J_, J_S_;
-  bool news_ = false;
+  bool warnings_changed_ = false;
   FollowingRobot following_;
   SampledRobot sampled_;
   Joints shaping_scratch_;

@@ -50,7 +50,7 @@ bool CartesianMotion::confine_frame(const Motion& d, const Turn& turn, const Vec
 
 /// Where the joints cannot follow, at their limits or out of reach, the compliant frame stays close to them: a wall, which takes
 /// kinetic energy only.
-void CartesianMotion::hold_frame_at_joints(Links& links, const Motion& d, Motion& c) {
+void CartesianMotion::hold_frame_at_joints(LinkDynamics& links, const Motion& d, Motion& c) {
   const bool limited = std::ranges::any_of(joints_.met, [](std::int32_t met) { return met != 0; });
   if (!limited && joints_.lambda == 0) return;
   // m. Damped joints need a distance that pulls them out of a singular pose; at a limit they would jump back by it afterwards.

@@ -75,7 +75,7 @@ void ImpedanceControl::start(const Joints& q, const Joints& theta) { twist = map
 // 4. damping and the null space
 // 5. limits
 // 6. torque feedback
-void ImpedanceControl::torque(Links& links, const robot::FrameOnBody& E, const ElasticFrame& frame,
+void ImpedanceControl::torque(LinkDynamics& links, const robot::FrameOnBody& E, const ElasticFrame& frame,
                               const ElasticPosture& posture, const robot::DriveParameters& drives, const Measured& measured,
                               const Joints& shaping, const ElasticLimits* limits, Joints& tau_m) {
   const Index n = q_bar.size();
@@ -88,9 +88,9 @@ void ImpedanceControl::torque(Links& links, const robot::FrameOnBody& E, const E
     dtheta_[i] = soft ? measured.dtheta[k] : measured.dq[k];
   }
   X = links.jacobian(q_bar, E, J6_);
-  take_inertia(links, drives, shaping);
-  take_reference(links, E, frame);
-  take_stiffness(frame, drives);
+  update_inertia(links, drives, shaping);
+  update_reference(links, E, frame);
+  update_stiffness(frame, drives);
   solve_statics(links, E, frame, drives, measured.theta);
 
   V.noalias() = J6_ * dtheta_;
@@ -128,7 +128,7 @@ void ImpedanceControl::torque(Links& links, const robot::FrameOnBody& E, const E
   }
 }
 
-void ImpedanceControl::take_inertia(Links& links, const robot::DriveParameters& drives, const Joints& shaping) {
+void ImpedanceControl::update_inertia(LinkDynamics& links, const robot::DriveParameters& drives, const Joints& shaping) {
   links.mass_matrix(q_bar, M_);
   for (Index i = 0; i < M_.rows(); ++i) {
     const auto k = static_cast<std::size_t>(i);
@@ -155,7 +155,7 @@ void ImpedanceControl::take_inertia(Links& links, const robot::DriveParameters& 
   }
 }
 
-void ImpedanceControl::take_reference(Links& links, const robot::FrameOnBody& E, const ElasticFrame& frame) {
+void ImpedanceControl::update_reference(LinkDynamics& links, const robot::FrameOnBody& E, const ElasticFrame& frame) {
   moving_ = !frame.desired.V.isZero(0) || !frame.acceleration.isZero(0);
   dq_r.setZero();
   ddq_r.setZero();
@@ -175,12 +175,12 @@ void ImpedanceControl::take_reference(Links& links, const robot::FrameOnBody& E,
   to_joints(frame.acceleration - drift, ddq_r);
 }
 
-void ImpedanceControl::take_stiffness(const ElasticFrame& frame, const robot::DriveParameters& drives) {
+void ImpedanceControl::update_stiffness(const ElasticFrame& frame, const robot::DriveParameters& drives) {
   stiffness_ratio = 0;
   relief_ = 1;
   if (!elastic_) return;
   const Index n = q_bar.size();
-  take_stiffness_of_joints(frame);
+  update_joint_stiffness(frame);
   for (Index i = 0; i < n; ++i) {
     const double K = drives.K[static_cast<std::size_t>(i)], scale = K > 0 ? 1 / std::sqrt(K) : 0.0;
     S_q_.row(i) *= scale;
@@ -198,7 +198,7 @@ void ImpedanceControl::take_stiffness(const ElasticFrame& frame, const robot::Dr
 }
 
 /// S_q = Jᵀ S J
-void ImpedanceControl::take_stiffness_of_joints(const ElasticFrame& frame) {
+void ImpedanceControl::update_joint_stiffness(const ElasticFrame& frame) {
   Square S = Square::Zero();
   S.topLeftCorner<3, 3>() = turned(frame.S_T, axes_of(frame));
   S.bottomRightCorner<3, 3>() = turned(tangent(frame, rotation(frame, X)), frame.desired.Q.toRotationMatrix());
@@ -206,11 +206,11 @@ void ImpedanceControl::take_stiffness_of_joints(const ElasticFrame& frame) {
   S_q_.noalias() = J6_.transpose().lazyProduct(SJ_);
 }
 
-void ImpedanceControl::linearise(Links& links, const ElasticFrame& frame, const ElasticPosture& posture,
+void ImpedanceControl::linearise(LinkDynamics& links, const ElasticFrame& frame, const ElasticPosture& posture,
                                  const robot::DriveParameters& drives, const Joints& shaping, SampledRobot& robot) {
-  take_inertia(links, drives, shaping);
-  take_stiffness(frame, drives);
-  take_stiffness_of_joints(frame);
+  update_inertia(links, drives, shaping);
+  update_stiffness(frame, drives);
+  update_joint_stiffness(frame);
   robot.H = S_q_;
   SJ_.noalias() = damping(frame, drives, shaping).lazyProduct(J6_);
   robot.R.noalias() = J6_.transpose().lazyProduct(SJ_);
@@ -246,7 +246,7 @@ Wrench ImpedanceControl::spring(const ElasticFrame& frame) const {
   return w;
 }
 
-void ImpedanceControl::solve_statics(Links& links, const robot::FrameOnBody& E, const ElasticFrame& frame,
+void ImpedanceControl::solve_statics(LinkDynamics& links, const robot::FrameOnBody& E, const ElasticFrame& frame,
                                      const robot::DriveParameters& drives, const Joints& theta) {
   constexpr int kMost = 20, kFixedTangent = 3;
   constexpr double kExact = 1e-12, kLongest = 0.1;  // rad (m)
@@ -268,7 +268,7 @@ void ImpedanceControl::solve_statics(Links& links, const robot::FrameOnBody& E, 
     static_error = r_.lpNorm<Eigen::Infinity>();
     if (static_error < kExact || iteration == kMost) break;
     // The tangent of the start is good enough unless the robot jumped.
-    if (iteration >= kFixedTangent) take_stiffness(frame, drives);
+    if (iteration >= kFixedTangent) update_stiffness(frame, drives);
     for (Index i = 0; i < n; ++i) r_[i] *= std::sqrt(drives.K[static_cast<std::size_t>(i)]);
     statics_.solveInPlace(r_);
     for (Index i = 0; i < n; ++i) {

@@ -10,7 +10,7 @@
 #include "components/compliance/cartesian/impedance_self_motion.h"
 #include "components/compliance/cartesian/joint_motion.h"
 #include "components/compliance/cartesian/sampled_loop.h"
-#include "components/compliance/joints/links.h"
+#include "components/compliance/joints/link_dynamics.h"
 #include "components/compliance/joints/tracking.h"
 #include "models/robot/drives/drive_parameters.h"
 
@@ -77,14 +77,14 @@ class ImpedanceControl {
   /// q̄ at the start: the links at `q`.
   void start(const Joints& q, const Joints& theta);
   /// The motor torque at the beginning of a step, without friction, into `tau_m`. `limits`: or nullptr.
-  void torque(Links& links, const robot::FrameOnBody& E, const ElasticFrame& frame, const ElasticPosture& posture,
+  void torque(LinkDynamics& links, const robot::FrameOnBody& E, const ElasticFrame& frame, const ElasticPosture& posture,
               const robot::DriveParameters& drives, const Measured& measured, const Joints& shaping,
               const ElasticLimits* limits, Joints& tau_m);
 
   /// After torque(), also with another stiffness and shaping: the linearised robot, links and law, without goals, held frames and limits,
   /// into `robot`; not its step and delay. Changes the results.
-  void linearise(Links& links, const ElasticFrame& frame, const ElasticPosture& posture, const robot::DriveParameters& drives,
-                 const Joints& shaping, SampledRobot& robot);
+  void linearise(LinkDynamics& links, const ElasticFrame& frame, const ElasticPosture& posture,
+                 const robot::DriveParameters& drives, const Joints& shaping, SampledRobot& robot);
 
   // State.
   Eigen::VectorXd twist;  // rad; θ − q̄ where the iteration starts
@@ -98,14 +98,14 @@ class ImpedanceControl {
   double sigma_min = 0;                // m; as JointMotion
 
  private:
-  void take_inertia(Links& links, const robot::DriveParameters& drives, const Joints& shaping);
-  void take_reference(Links& links, const robot::FrameOnBody& E, const ElasticFrame& frame);
-  void take_stiffness(const ElasticFrame& frame, const robot::DriveParameters& drives);
-  void take_stiffness_of_joints(const ElasticFrame& frame);
+  void update_inertia(LinkDynamics& links, const robot::DriveParameters& drives, const Joints& shaping);
+  void update_reference(LinkDynamics& links, const robot::FrameOnBody& E, const ElasticFrame& frame);
+  void update_stiffness(const ElasticFrame& frame, const robot::DriveParameters& drives);
+  void update_joint_stiffness(const ElasticFrame& frame);
   Wrench spring(const ElasticFrame& frame) const;
   const Eigen::Matrix3d& axes_of(const ElasticFrame& frame) const { return frame.turns_with_tool ? X.R : frame.R_BA; }
-  void solve_statics(Links& links, const robot::FrameOnBody& E, const ElasticFrame& frame, const robot::DriveParameters& drives,
-                     const Joints& theta);
+  void solve_statics(LinkDynamics& links, const robot::FrameOnBody& E, const ElasticFrame& frame,
+                     const robot::DriveParameters& drives, const Joints& theta);
   using Square = Eigen::Matrix<double, 6, 6>;
   using Six = Eigen::Matrix<double, 6, 1>;
   using ModeColumns = Eigen::Matrix<double, Eigen::Dynamic, 6, Eigen::RowMajor, 6, 6>;

@@ -111,7 +111,7 @@ void ImpedanceLimits::solve() {
   }
 }
 
-void ImpedanceLimits::confine(Links& links, const Robot& robot, std::span<const Limits> joints, Eigen::VectorXd& u) {
+void ImpedanceLimits::confine(LinkDynamics& links, const Robot& robot, std::span<const Limits> joints, Eigen::VectorXd& u) {
   take(robot, joints);
   if (count_ == 0) return;
   // The accelerations of the joints without limits.

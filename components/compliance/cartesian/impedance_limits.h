@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "components/compliance/joints/limits.h"
-#include "components/compliance/joints/links.h"
+#include "components/compliance/joints/link_dynamics.h"
 #include "components/compliance/joints/tracking.h"
 #include "models/robot/drives/drive_parameters.h"
 
@@ -48,7 +48,7 @@ class ImpedanceLimits {
   /// The walls begin where the robot is.
   void start(const Eigen::VectorXd& q, std::span<const Limits> joints);
   /// Changes the torques `u` (n, N.m).
-  void confine(Links& links, const Robot& robot, std::span<const Limits> joints, Eigen::VectorXd& u);
+  void confine(LinkDynamics& links, const Robot& robot, std::span<const Limits> joints, Eigen::VectorXd& u);
 
   // States: how far beyond q_max and q_min the motion may be. n; rad (m)
   Eigen::VectorXd beyond_high, beyond_low;

@@ -24,7 +24,7 @@ ImpedanceSelfMotion::ImpedanceSelfMotion(const robot::RobotModel& robot, SelfMot
   }
 }
 
-void ImpedanceSelfMotion::evaluate(Links& links, const VectorXd& q, const VectorXd& dq, const robot::FrameOnBody& E,
+void ImpedanceSelfMotion::evaluate(LinkDynamics& links, const VectorXd& q, const VectorXd& dq, const robot::FrameOnBody& E,
                                    const Eigen::MatrixXd& J6, const Eigen::MatrixXd& M, const JointMotionGains& gains,
                                    const Posture* posture, VectorXd& ddq) {
   std::size_t held = 0;

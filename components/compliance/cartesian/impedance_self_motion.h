@@ -4,7 +4,7 @@
 
 #include "components/compliance/cartesian/joint_motion.h"
 #include "components/compliance/cartesian/self_motion.h"
-#include "components/compliance/joints/links.h"
+#include "components/compliance/joints/link_dynamics.h"
 #include "models/control/cascade.h"
 
 namespace cotwin::compliance {
@@ -22,7 +22,7 @@ class ImpedanceSelfMotion {
 
   /// `q`, `dq`: n; `J6`: of E at q (6 x n, linear first); `M`: n x n. `posture`: the desired motion of the joints, or nullptr. Writes
   /// the accelerations into `ddq` (n).
-  void evaluate(Links& links, const Eigen::VectorXd& q, const Eigen::VectorXd& dq, const robot::FrameOnBody& E,
+  void evaluate(LinkDynamics& links, const Eigen::VectorXd& q, const Eigen::VectorXd& dq, const robot::FrameOnBody& E,
                 const Eigen::MatrixXd& J6, const Eigen::MatrixXd& M, const JointMotionGains& gains, const Posture* posture,
                 Eigen::VectorXd& ddq);
 

@@ -51,7 +51,7 @@ JointMotion::JointMotion(const robot::RobotModel& robot, SelfMotion& self_motion
   }
 }
 
-void JointMotion::take_rows(const TaskEntry& task, const Eigen::MatrixXd& from, Eigen::MatrixXd& J) const {
+void JointMotion::select_rows(const TaskEntry& task, const Eigen::MatrixXd& from, Eigen::MatrixXd& J) const {
   const std::size_t m = task.directions.size();
   const double* column = from.data();
   double* to = J.data();
@@ -60,7 +60,7 @@ void JointMotion::take_rows(const TaskEntry& task, const Eigen::MatrixXd& from, 
   }
 }
 
-void JointMotion::evaluate(Links& links, const VectorXd& at, const VectorXd* velocity, const JointMotionGains& gains) {
+void JointMotion::evaluate(LinkDynamics& links, const VectorXd& at, const VectorXd* velocity, const JointMotionGains& gains) {
   const auto jacobian = [&](const robot::FrameOnBody& frame, Eigen::MatrixXd& J, Eigen::MatrixXd& dJ) {
     return velocity ? links.jacobian(at, *velocity, frame, J, dJ) : links.jacobian(at, frame, J);
   };
@@ -74,8 +74,8 @@ void JointMotion::evaluate(Links& links, const VectorXd& at, const VectorXd* vel
       p_[k] = jacobian(entry.frame, held_J6_, held_dJ6_).p;
       task.activation = self_motion_.held(held++).activation;
     }
-    take_rows(entry, entry.held ? held_J6_ : J6_, task.J);
-    if (velocity) take_rows(entry, entry.held ? held_dJ6_ : dJ6_, task.dJ);
+    select_rows(entry, entry.held ? held_J6_ : J6_, task.J);
+    if (velocity) select_rows(entry, entry.held ? held_dJ6_ : dJ6_, task.dJ);
   }
   cascade_.sigma_0 = gains.sigma_0;
   cascade_.lambda_0 = std::max(gains.lambda_0, kLeastDamping);
@@ -99,7 +99,7 @@ void JointMotion::want(const Twist& acceleration) {
   }
 }
 
-void JointMotion::start(Links& links, const VectorXd& at, const Twist& V, const JointMotionGains& gains) {
+void JointMotion::start(LinkDynamics& links, const VectorXd& at, const Twist& V, const JointMotionGains& gains) {
   q = at;
   evaluate(links, q, nullptr, gains);
   want(V);
@@ -108,7 +108,7 @@ void JointMotion::start(Links& links, const VectorXd& at, const Twist& V, const 
   std::ranges::fill(met, 0);
 }
 
-void JointMotion::advance(Links& links, const MovingPose& before, const MovingPose& after, const Twist& end_acceleration,
+void JointMotion::advance(LinkDynamics& links, const MovingPose& before, const MovingPose& after, const Twist& end_acceleration,
                           const VectorXd& tau_e, const Posture* posture, std::span<const Limits> limits,
                           const JointMotionGains& gains, double h) {
   posture_ = posture;
@@ -137,7 +137,7 @@ void JointMotion::advance(Links& links, const MovingPose& before, const MovingPo
 
 // With J in the middle of the part, where q̇_c is still to come: ẋ_c − J (q̇_c + h/2 q̈_c) on both sides of the equation. Terms of
 // second order in q̇_c take it from the last acceleration.
-void JointMotion::part(Links& links, const MovingPose& before, const Twist& acceleration, const VectorXd& tau_e,
+void JointMotion::part(LinkDynamics& links, const MovingPose& before, const Twist& acceleration, const VectorXd& tau_e,
                        std::span<const Limits> limits, const JointMotionGains& gains, double h) {
   q_mid_ = q + h / 2 * dq;
   dq_mid_ = dq + h / 2 * ddq;
@@ -191,7 +191,7 @@ void JointMotion::part(Links& links, const MovingPose& before, const Twist& acce
 }
 
 /// Takes the speeds that the joints may have after h seconds, and those that they would have. False if none exceeds its limits.
-bool JointMotion::take_bounds(std::span<const Limits> limits, double h) {
+bool JointMotion::update_bounds(std::span<const Limits> limits, double h) {
   then_ = dq + h * ddq;
   bool clear = true;
   const auto at_rest = [&](std::size_t i) {
@@ -256,7 +256,7 @@ bool JointMotion::make_room(std::size_t kept) {
 // keeps it (saturation in the null space, Flacco, De Luca and Khatib, IEEE T-RO 31(3), 2015, solved for all joints at once). What
 // remains is cut joint by joint.
 void JointMotion::bound(std::span<const Limits> limits, double h) {
-  if (!take_bounds(limits, h)) return;
+  if (!update_bounds(limits, h)) return;
   cascade_.mobility(0, mobility_);
   own_ = mobility_.diagonal();
   bool within = false;
@@ -280,7 +280,7 @@ void JointMotion::accelerations_of(const Twist& acceleration, Eigen::Ref<VectorX
   cascade_.solve(ddq_of);
 }
 
-Wrench JointMotion::wrench_of(Links& links, const robot::VectorIn& tau, const JointMotionGains& gains) {
+Wrench JointMotion::wrench_of(LinkDynamics& links, const robot::VectorIn& tau, const JointMotionGains& gains) {
   evaluate(links, q, nullptr, gains);
   tau_ = tau;
   cascade_.solve_mass(tau_);

@@ -6,7 +6,7 @@
 
 #include "components/compliance/cartesian/self_motion.h"
 #include "components/compliance/joints/limits.h"
-#include "components/compliance/joints/links.h"
+#include "components/compliance/joints/link_dynamics.h"
 #include "components/compliance/joints/tracking.h"
 #include "models/control/cascade.h"
 #include "models/control/null_space.h"
@@ -50,17 +50,17 @@ class JointMotion {
   void set_frame(const robot::FrameOnBody& E) { E_ = E; }
   const robot::FrameOnBody& frame() const { return E_; }
   /// At rest in `pose` or, if V ≠ 0, with the speed of least kinetic energy.
-  void start(Links& links, const Eigen::VectorXd& at, const Twist& V, const JointMotionGains& gains);
+  void start(LinkDynamics& links, const Eigen::VectorXd& at, const Twist& V, const JointMotionGains& gains);
   /// A step of h seconds, in which E moves from `before` to `after`, where its acceleration is `end_acceleration`. `tau_e`: mean
   /// external joint torque, N.m. `posture` (or nullptr): N (q̈_d + k_nu q̇_d + k_nu²/4 (q_d − q_c)) is added to self-motion, so
   /// that it follows q_d at the aperiodic limit.
-  void advance(Links& links, const MovingPose& before, const MovingPose& after, const Twist& end_acceleration,
+  void advance(LinkDynamics& links, const MovingPose& before, const MovingPose& after, const Twist& end_acceleration,
                const Eigen::VectorXd& tau_e, const Posture* posture, std::span<const Limits> limits,
                const JointMotionGains& gains, double h);
   /// The accelerations of the joints for one of E alone, J̄ ẍ, at the position of the last step: after advance().
   void accelerations_of(const Twist& acceleration, Eigen::Ref<Eigen::VectorXd> ddq_of);
   /// J̄ᵀ τ at q_c: the wrench at E that has the effect of `tau` on the task; 0 in directions that are not rendered.
-  Wrench wrench_of(Links& links, const robot::VectorIn& tau, const JointMotionGains& gains);
+  Wrench wrench_of(LinkDynamics& links, const robot::VectorIn& tau, const JointMotionGains& gains);
 
   // States.
   Eigen::VectorXd q, dq, ddq;  // rad, rad/s, rad/s²; n, at the end of the last step
@@ -71,13 +71,13 @@ class JointMotion {
 
  private:
   /// Poses, Jacobians and M at q, and, if `dq` is not a nullptr, their rates.
-  void evaluate(Links& links, const Eigen::VectorXd& at, const Eigen::VectorXd* dq, const JointMotionGains& gains);
-  void take_rows(const TaskEntry& task, const Eigen::MatrixXd& from, Eigen::MatrixXd& J) const;
+  void evaluate(LinkDynamics& links, const Eigen::VectorXd& at, const Eigen::VectorXd* dq, const JointMotionGains& gains);
+  void select_rows(const TaskEntry& task, const Eigen::MatrixXd& from, Eigen::MatrixXd& J) const;
   /// Wanted accelerations of the tasks of E; those of held frames are 0.
   void want(const Twist& acceleration);
-  void part(Links& links, const MovingPose& before, const Twist& acceleration, const Eigen::VectorXd& tau_e,
+  void part(LinkDynamics& links, const MovingPose& before, const Twist& acceleration, const Eigen::VectorXd& tau_e,
             std::span<const Limits> limits, const JointMotionGains& gains, double h);
-  bool take_bounds(std::span<const Limits> limits, double h);
+  bool update_bounds(std::span<const Limits> limits, double h);
   double beyond(Eigen::Index i) const;
   bool make_room(std::size_t kept);
   void note(Eigen::Index i, bool high);

@@ -55,7 +55,7 @@ SampledLoop::SampledLoop(int n) : n_(n), motor_(static_cast<std::size_t>(n)), ll
 }
 
 /// ẋ = A x + input τ of x = (y, ẏ/rate), y the links and the motors of elastic joints.
-void SampledLoop::take_plant(const SampledRobot& r) {
+void SampledLoop::set_plant(const SampledRobot& r) {
   p_ = n_;
   k_ = r.M;
   for (int i = 0; i < n_; ++i) {
@@ -93,7 +93,7 @@ void SampledLoop::take_plant(const SampledRobot& r) {
 }
 
 /// τ = −C x.
-void SampledLoop::take_control(const SampledRobot& r) {
+void SampledLoop::set_control(const SampledRobot& r) {
   // k = H (1 − relief K⁻¹ H)⁻¹ = (1 − relief H K⁻¹)⁻¹ H
   twist_.setIdentity();
   for (int i = 0; i < n_; ++i) {
@@ -147,8 +147,8 @@ void SampledLoop::discretise(double t, Matrix& Phi, Matrix& Gamma) {
 }
 
 double SampledLoop::growth(const SampledRobot& robot) {
-  take_plant(robot);
-  take_control(robot);
+  set_plant(robot);
+  set_control(robot);
   const double h = std::max(robot.step, robot.delay / kMostSteps);
   const double delay = robot.delay - (h - robot.step) / 2;  // the middle of a held torque is as late
   // The torque of a step begins `whole` steps and the rest of one after its measurement.

@@ -36,8 +36,8 @@ class SampledLoop {
 
  private:
   using Matrix = Eigen::MatrixXd;
-  void take_plant(const SampledRobot& robot);
-  void take_control(const SampledRobot& robot);
+  void set_plant(const SampledRobot& robot);
+  void set_control(const SampledRobot& robot);
   void discretise(double t, Matrix& Phi, Matrix& Gamma);
 
   int n_;

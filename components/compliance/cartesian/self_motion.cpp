@@ -144,7 +144,7 @@ void SelfMotion::check(const std::string& place) const {
     throw Error(place + ".mass_axis", "has no length, expected a direction in the axes of E");
 }
 
-void SelfMotion::start(Links& links, const VectorXd& q) {
+void SelfMotion::start(LinkDynamics& links, const VectorXd& q) {
   in_force_ = wanted_;
   std::size_t k = 0;
   for (const TaskEntry& task : tasks_) {
@@ -165,7 +165,7 @@ SelfMotion::Held SelfMotion::held(std::size_t k) const {
   return {at + shift, in_force_.omega_held[k], in_force_.activation[k]};
 }
 
-double SelfMotion::add_goals(Links& links, const VectorXd& q, const robot::FrameOnBody& E, VectorXd& gradient) {
+double SelfMotion::add_goals(LinkDynamics& links, const VectorXd& q, const robot::FrameOnBody& E, VectorXd& gradient) {
   const P& p = in_force_;
   double V = 0;
   if (has(kPosture)) V += control::posture(q, map(p.q_0), map(p.K_0), gradient);

@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "components/compliance/cartesian/task_list.h"
-#include "components/compliance/joints/links.h"
+#include "components/compliance/joints/link_dynamics.h"
 #include "components/unit/joint_variables.h"
 #include "components/unit/settings.h"
 #include "components/unit/variables.h"
@@ -37,7 +37,7 @@ class SelfMotion {
   void declare(Variables& v);
   void check(const std::string& place) const;
   /// Frames are held where they are at `q`.
-  void start(Links& links, const Eigen::VectorXd& q);
+  void start(LinkDynamics& links, const Eigen::VectorXd& q);
   /// Parameters move towards the tunables: `remaining` of each difference is left.
   void follow(double remaining);
 
@@ -49,7 +49,7 @@ class SelfMotion {
   Held held(std::size_t k) const;
   double yield() const { return joint_torques_ ? in_force_.yield[0] : 0; }
   /// Adds ∇V at q to `gradient`; returns V, J. E: the compliance frame.
-  double add_goals(Links& links, const Eigen::VectorXd& q, const robot::FrameOnBody& E, Eigen::VectorXd& gradient);
+  double add_goals(LinkDynamics& links, const Eigen::VectorXd& q, const robot::FrameOnBody& E, Eigen::VectorXd& gradient);
 
   /// What the motion of the joints computed last.
   struct Computed {

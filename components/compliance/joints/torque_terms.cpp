@@ -16,7 +16,7 @@ void TorqueTerms::declare(JointVariables& joints) {
                 "g of (2a); these three, tau_f and -tau_e, where it acts on the robot, together are tau_id");
 }
 
-void TorqueTerms::compute(Links& links, const std::vector<double>& q_c, const std::vector<double>& dq_c,
+void TorqueTerms::compute(LinkDynamics& links, const std::vector<double>& q_c, const std::vector<double>& dq_c,
                           const std::vector<double>& ddq_c) {
   using Vector = Eigen::Map<const Eigen::VectorXd>;
   const Vector q(q_c.data(), rest_.size()), dq(dq_c.data(), rest_.size()), ddq(ddq_c.data(), rest_.size());

@@ -1,7 +1,7 @@
 #pragma once
 #include <Eigen/Core>
 
-#include "components/compliance/joints/links.h"
+#include "components/compliance/joints/link_dynamics.h"
 #include "components/unit/joint_variables.h"
 
 namespace cotwin::compliance {
@@ -13,7 +13,8 @@ class TorqueTerms {
   explicit TorqueTerms(std::size_t joints);
 
   void declare(JointVariables& joints);
-  void compute(Links& links, const std::vector<double>& q_c, const std::vector<double>& dq_c, const std::vector<double>& ddq_c);
+  void compute(LinkDynamics& links, const std::vector<double>& q_c, const std::vector<double>& dq_c,
+               const std::vector<double>& ddq_c);
 
  private:
   Eigen::VectorXd inertia_, coriolis_, gravity_, rest_;

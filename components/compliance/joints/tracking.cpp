@@ -43,11 +43,11 @@ Tracking::Tracking(const robot::RobotModel& robot)
     one->resize(n_);
 }
 
-void Tracking::start(Links& links, const Reference& reference, const Load& load, const robot::DriveParameters& drives) {
+void Tracking::start(LinkDynamics& links, const Reference& reference, const Load& load, const robot::DriveParameters& drives) {
   refer(links, reference, load, drives, {0, tau_w}, 0);
 }
 
-void Tracking::refer(Links& links, const Reference& reference, const Load& load, const robot::DriveParameters& drives,
+void Tracking::refer(LinkDynamics& links, const Reference& reference, const Load& load, const robot::DriveParameters& drives,
                      const WindingUp& winding_up, double h) {
   const auto q_c = map(reference.q_c), dq_c = map(reference.dq_c), a = map(reference.mean_ddq_c);
   theta_c = reference.q_c;
@@ -66,7 +66,7 @@ void Tracking::refer(Links& links, const Reference& reference, const Load& load,
   v_ = a;
   sprung_ = std::ranges::any_of(drives.spring_sin, [](double amplitude) { return amplitude != 0; }) ||
             std::ranges::any_of(drives.spring_cos, [](double amplitude) { return amplitude != 0; });
-  take_loads(links, reference, drives);
+  update_loads(links, reference, drives);
   map(tau_c) += map(load.end);
   links.mass_matrix(q_, M_);
   tau_ += map(load.mean);
@@ -84,7 +84,7 @@ void Tracking::add_springs(const robot::DriveParameters& drives, const Eigen::Ve
 }
 
 /// Inverse dynamics of the reference at the end of the step and, into tau_, of (q_, dq_, v_) in its middle; g there and at q_ − e_.
-void Tracking::take_loads(Links& links, const Reference& reference, const robot::DriveParameters& drives) {
+void Tracking::update_loads(LinkDynamics& links, const Reference& reference, const robot::DriveParameters& drives) {
   const auto e = map(e_);
   if (links.has_batch()) {
     states_.q.row(0) = map(reference.q_c);
@@ -137,7 +137,7 @@ void Tracking::wind_up(std::size_t i, double tau, const robot::DriveParameters& 
   dtheta_c[i] += dtau_w[i] / K;
 }
 
-void Tracking::take_error(const Measured& measured, const robot::DriveParameters& drives) {
+void Tracking::update_error(const Measured& measured, const robot::DriveParameters& drives) {
   for (std::size_t i = 0; i < n_; ++i) {
     const bool elastic = drives.K[i] > 0;
     e_[i] = theta_c[i] - (elastic ? measured.theta[i] : measured.q[i]);
@@ -146,7 +146,7 @@ void Tracking::take_error(const Measured& measured, const robot::DriveParameters
   at_error_ = false;
 }
 
-void Tracking::torque(Links& links, const Reference& reference, const Load& load, const robot::DriveParameters& drives,
+void Tracking::torque(LinkDynamics& links, const Reference& reference, const Load& load, const robot::DriveParameters& drives,
                       const Measured& measured, const Gains& gains, double h, Joints& tau_m) {
   if (elastic_) {
     torque_of_elastic(links, drives, measured, gains, tau_m);
@@ -155,8 +155,9 @@ void Tracking::torque(Links& links, const Reference& reference, const Load& load
   }
 }
 
-void Tracking::torque_of_rigid(Links& links, const Reference& reference, const Load& load, const robot::DriveParameters& drives,
-                               const Measured& measured, const Gains& gains, double h, Joints& tau_m) {
+void Tracking::torque_of_rigid(LinkDynamics& links, const Reference& reference, const Load& load,
+                               const robot::DriveParameters& drives, const Measured& measured, const Gains& gains, double h,
+                               Joints& tau_m) {
   const double p = gains.passivity;
   for (std::size_t i = 0; i < n_; ++i) {
     // The acceleration that the feedback adds to the reference's.
@@ -177,7 +178,7 @@ void Tracking::torque_of_rigid(Links& links, const Reference& reference, const L
   map(tau_m) = tau_ + map(drives.B).cwiseProduct(v_) + map(load.mean);
 }
 
-void Tracking::torque_of_elastic(Links& links, const robot::DriveParameters& drives, const Measured& measured,
+void Tracking::torque_of_elastic(LinkDynamics& links, const robot::DriveParameters& drives, const Measured& measured,
                                  const Gains& gains, Joints& tau_m) {
   // g(q̄) − g(q_c), with K (θ − q̄) = τ_w + g(q̄) − g(q_c). Feedback of g at the measured links would not be symmetric, and g at
   // q_c would need gains larger than the gradient of gravity. q̄ is found by one fixed-point correction of twice the usual size;

@@ -2,7 +2,7 @@
 #include <Eigen/Core>
 #include <vector>
 
-#include "components/compliance/joints/links.h"
+#include "components/compliance/joints/link_dynamics.h"
 #include "models/robot/drives/drive_parameters.h"
 
 #include "models/robot/robot_model.h"
@@ -69,14 +69,14 @@ class Tracking {
   explicit Tracking(const robot::RobotModel& robot);
 
   /// Motor reference at rest at `reference`: the start.
-  void start(Links& links, const Reference& reference, const Load& load, const robot::DriveParameters& drives);
+  void start(LinkDynamics& links, const Reference& reference, const Load& load, const robot::DriveParameters& drives);
   /// Motor reference at the end of a step of h seconds.
-  void refer(Links& links, const Reference& reference, const Load& load, const robot::DriveParameters& drives,
+  void refer(LinkDynamics& links, const Reference& reference, const Load& load, const robot::DriveParameters& drives,
              const WindingUp& winding_up, double h);
   /// The tracking error at the beginning of a step: before refer().
-  void take_error(const Measured& measured, const robot::DriveParameters& drives);
+  void update_error(const Measured& measured, const robot::DriveParameters& drives);
   /// The motor torque over the step, without friction of the motors, into `tau_m`. After refer().
-  void torque(Links& links, const Reference& reference, const Load& load, const robot::DriveParameters& drives,
+  void torque(LinkDynamics& links, const Reference& reference, const Load& load, const robot::DriveParameters& drives,
               const Measured& measured, const Gains& gains, double h, Joints& tau_m);
 
   // States.
@@ -86,14 +86,14 @@ class Tracking {
   Joints tau_c;  // N.m; τ_J,c at the end of the step
 
  private:
-  void take_loads(Links& links, const Reference& reference, const robot::DriveParameters& drives);
+  void update_loads(LinkDynamics& links, const Reference& reference, const robot::DriveParameters& drives);
   void add_springs(const robot::DriveParameters& drives, const Eigen::VectorXd& at, Eigen::VectorXd& torque) const;
   void wind_up(std::size_t i, double tau, const robot::DriveParameters& drives, const WindingUp& winding_up, double h,
                double left);
-  void torque_of_rigid(Links& links, const Reference& reference, const Load& load, const robot::DriveParameters& drives,
+  void torque_of_rigid(LinkDynamics& links, const Reference& reference, const Load& load, const robot::DriveParameters& drives,
                        const Measured& measured, const Gains& gains, double h, Joints& tau_m);
-  void torque_of_elastic(Links& links, const robot::DriveParameters& drives, const Measured& measured, const Gains& gains,
-                         Joints& tau_m);
+  void torque_of_elastic(LinkDynamics& links, const robot::DriveParameters& drives, const Measured& measured,
+                         const Gains& gains, Joints& tau_m);
 
   std::size_t n_;
   // Handed from one phase of a step to the next.
@@ -105,8 +105,8 @@ class Tracking {
   Joints a_theta_;                    // mean of θ̈_c over the step
   /// Four states by row: the reference at the end of the step, in its middle, there at rest, and this less e_.
   struct States {
-    explicit States(Eigen::Index n) : q(Links::States::Zero(4, n)), dq(q), a(q), tau(q) {}
-    Links::States q, dq, a, tau;
+    explicit States(Eigen::Index n) : q(LinkDynamics::States::Zero(4, n)), dq(q), a(q), tau(q) {}
+    LinkDynamics::States q, dq, a, tau;
   } states_;
   Eigen::MatrixXd M_;  // of the reference in the middle of the step, with the motors' B
   // Scratch.

@@ -76,7 +76,7 @@ void World::Impl::collect_joint(const LooseJoint& one, Stage stage, double h) {
 }
 
 void World::Impl::collect_contact(std::size_t t, Stage stage, double h) {
-  Touch& touch = touches[t];
+  Contact& touch = touches[t];
   if (touch.distant || touch.without_effect) return;
   const double gap = std::abs(touch.point.gap) > kGapNoise ? touch.point.gap : 0;
   const Vector3d& n = touch.point.n_W;
@@ -123,7 +123,7 @@ void World::Impl::collect_contact(std::size_t t, Stage stage, double h) {
 
 /// Rate at which the relative velocity of the bodies at the point changes during the drift, because the point travels and because free bodies
 /// change their angular velocity, m/s².
-Vector3d World::Impl::change_along(const Touch& touch) const {
+Vector3d World::Impl::change_along(const Contact& touch) const {
   const auto of = [&](const RigidBody& body, const Vector3d& travel) -> Vector3d {
     Vector3d change = body.w.cross(travel);
     if (body.dynamic()) {
@@ -138,7 +138,7 @@ Vector3d World::Impl::change_along(const Touch& touch) const {
 
 /// The row of a contact point without target and impulse.
 ConeRow World::Impl::contact_row(std::size_t t) const {
-  const Touch& touch = touches[t];
+  const Contact& touch = touches[t];
   const Vector3d& n = touch.point.n_W;
   ConeRow row;
   row.a = bodies[index(touch.point.body_a)].motion == scene::Motion::kStatic ? -1 : touch.point.body_a;

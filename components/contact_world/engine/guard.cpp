@@ -43,7 +43,7 @@ double tilt(const Joint& joint) { return std::acos(std::clamp(joint.alignment(),
 
 double World::Impl::elastic_energy() const {
   double twice = 0;
-  for (const Touch& touch : touches) twice += touch.stored();
+  for (const Contact& touch : touches) twice += touch.stored();
   return twice / 2;
 }
 
@@ -153,7 +153,7 @@ void World::Impl::account_stage(Stage stage, double h) {
     return (start.v + now.v + (start.w + now.w).cross(p - start.p)) / 2;
   };
   for (const ConeRow& row : rows.cones()) {
-    const Touch& touch = touches[index(row.point)];
+    const Contact& touch = touches[index(row.point)];
     if (touch.impulse.isZero(0)) continue;
     const Vector3d& p = touch.point.p_W;
     guard.passive += touch.impulse.dot(mean(touch.point.body_b, p) - mean(touch.point.body_a, p));
@@ -186,18 +186,18 @@ void World::Impl::account_position_stage(double h) {
     guard.lifted += 2 * row.x[0] * row.lift;
   }
   if (has_driven) {
-    for (const Touch& touch : touches) guard.add_work(driven_work(touch, touch.impact + touch.sum));
+    for (const Contact& touch : touches) guard.add_work(driven_work(touch, touch.impact + touch.sum));
   }
 }
 
 void World::Impl::account_velocity_stage(double h) {
   account_stage(Stage::kVelocity, h);
   if (!has_driven) return;
-  for (const Touch& touch : touches) guard.add_work(driven_work(touch, touch.impulse));
+  for (const Contact& touch : touches) guard.add_work(driven_work(touch, touch.impulse));
 }
 
 /// Work of a driven body by an impulse on b.
-double World::Impl::driven_work(const Touch& touch, const Vector3d& impulse) const {
+double World::Impl::driven_work(const Contact& touch, const Vector3d& impulse) const {
   const auto along = [&](int body) {
     const RigidBody& one = bodies[index(body)];
     if (one.motion != scene::Motion::kDriven) return 0.0;
@@ -227,7 +227,7 @@ void World::Impl::account_axis(std::size_t joint, double q_0, double s_0, double
 
 void World::Impl::end_guard() {
   double jumps = 0;  // J, twice the energy of soft contacts whose normals may jump
-  for (const Touch& touch : touches) {
+  for (const Contact& touch : touches) {
     if (touch.stiffness == scene::kInfinity || touch.without_effect || touch.point.gap > 0) continue;
     if (!touch.matched) guard.placed += touch.stored() / 2;  // a manifold's new point has energy at once
     const double size = std::min(bodies[index(touch.point.body_a)].radius, bodies[index(touch.point.body_b)].radius);

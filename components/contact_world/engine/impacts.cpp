@@ -102,7 +102,7 @@ void World::Impl::resolve_impacts(double h) {
   prepared = false;
   for (std::size_t j = 0; j < joints.size(); ++j) axes[j].start = joints[j].has_axis() ? joints[j].speed(bodies) : 0;
   double driven = 0;  // work of bodies whose motion is given: the budget has it from account_position_stage()
-  for (const Touch& touch : touches) driven += driven_work(touch, touch.impact);
+  for (const Contact& touch : touches) driven += driven_work(touch, touch.impact);
   guard.passive += motion_energy() - before - driven;
 }
 
@@ -111,7 +111,7 @@ bool World::Impl::find_impacts(double h) {
   double fastest = 0;
   const double slow = kSlow * h * scene.gravity.norm();
   impacts.slow = slow;
-  for (Touch& touch : touches) {
+  for (Contact& touch : touches) {
     if (touch.restitution == 0 || touch.stiffness < kInfinity) continue;
     touch.approach = normal_velocity(touch);
     if (strikes(touch, h)) fastest = std::max(fastest, -touch.approach);
@@ -119,13 +119,13 @@ bool World::Impl::find_impacts(double h) {
   if (fastest == 0) return false;
   impacts.slow = std::max(slow, kSlowest * fastest);
   impacts.tolerance = kTolerance * fastest;
-  for (Touch& touch : touches) touch.approach = normal_velocity(touch);
+  for (Contact& touch : touches) touch.approach = normal_velocity(touch);
   std::fill(impacts.struck.begin(), impacts.struck.end(), 0);
   return true;
 }
 
 /// Whether two bodies approach fast and would penetrate in this step.
-bool World::Impl::strikes(const Touch& touch, double h) const {
+bool World::Impl::strikes(const Contact& touch, double h) const {
   const double slack = kSlow * h * h * scene.gravity.norm();  // gravity accelerates them in the step
   return !touch.distant && touch.stiffness == kInfinity && touch.approach < -impacts.slow &&
          touch.point.gap + h * touch.approach <= slack;
@@ -133,14 +133,14 @@ bool World::Impl::strikes(const Touch& touch, double h) const {
 
 /// Chooses the points of the pairs of bodies that meet before either body meets another. Returns whether there are any.
 bool World::Impl::begin_round(double h) {
-  const auto takes_part = [&](const Touch& touch) {
+  const auto takes_part = [&](const Contact& touch) {
     const bool concerned =
         touch.restitution > 0 || impacts.struck[index(touch.point.body_a)] || impacts.struck[index(touch.point.body_b)];
     return concerned && strikes(touch, h);
   };
-  const auto time = [](const Touch& touch) { return touch.point.gap <= kContact ? 0 : touch.point.gap / -touch.approach; };
+  const auto time = [](const Contact& touch) { return touch.point.gap <= kContact ? 0 : touch.point.gap / -touch.approach; };
   bool any = false;
-  for (Touch& touch : touches) {
+  for (Contact& touch : touches) {
     touch.role = takes_part(touch) ? ImpactRole::kStrikes : ImpactRole::kNone;
     if (touch.role == ImpactRole::kNone) continue;
     if (!any) std::fill(impacts.first.begin(), impacts.first.end(), kInfinity);
@@ -175,7 +175,7 @@ void World::Impl::find_supports(double h) {
     grows = true;
   };
   const auto is_carried = [&](int body) { return body >= 0 && carried[index(body)]; };
-  for (const Touch& touch : touches) {
+  for (const Contact& touch : touches) {
     if (touch.role == ImpactRole::kNone) continue;
     add(touch.point.body_a);
     add(touch.point.body_b);
@@ -187,7 +187,7 @@ void World::Impl::find_supports(double h) {
       add(joint.parent);
       add(joint.child);
     }
-    for (Touch& touch : touches) {
+    for (Contact& touch : touches) {
       if (touch.role != ImpactRole::kNone || touch.restitution > 0 || touch.stiffness < kInfinity) continue;
       if (touch.point.gap > closed || std::abs(touch.approach) > impacts.slow) continue;
       if (!is_carried(touch.point.body_a) && !is_carried(touch.point.body_b)) continue;
@@ -200,7 +200,7 @@ void World::Impl::find_supports(double h) {
 
 /// Lets all near points of the bodies that have been struck strike together.
 void World::Impl::find_all_struck(double h) {
-  for (Touch& touch : touches) {
+  for (Contact& touch : touches) {
     const bool concerned = impacts.struck[index(touch.point.body_a)] || impacts.struck[index(touch.point.body_b)];
     const bool near = touch.point.gap <= kContact + h * std::abs(touch.approach);
     if (concerned && near && !touch.distant && touch.stiffness == kInfinity) touch.role = ImpactRole::kStrikes;
@@ -218,7 +218,7 @@ void World::Impl::collect_impacts(double h, bool newton) {
     if (origin.row == kSpringRow) row.target = joints[index(origin.joint)].speed(bodies);  // of the axis' inertia
   }
   for (std::size_t t = 0; t < touches.size(); ++t) {
-    const Touch& touch = touches[t];
+    const Contact& touch = touches[t];
     if (touch.role == ImpactRole::kNone) continue;
     ConeRow row = contact_row(t);
     if (newton) {
@@ -297,7 +297,7 @@ void World::Impl::limit_energy(bool newton) {
   if (!creates) return;
 
   for (const ConeRow& row : rows.cones()) {
-    const Touch& touch = touches[index(row.point)];
+    const Contact& touch = touches[index(row.point)];
     if (touch.role == ImpactRole::kStrikes && touch.approach < -impacts.slow) {
       double& e = impacts.islands[index(row.island)].e;
       e = std::min(e, touch.restitution);
@@ -351,7 +351,7 @@ void World::Impl::end_round() {
   const auto mark = [&](int body) {
     if (body >= 0 && bodies[index(body)].dynamic()) struck[index(body)] = changed[index(body)] = 1;
   };
-  for (const Touch& touch : touches) {
+  for (const Contact& touch : touches) {
     if (touch.role == ImpactRole::kNone) continue;
     mark(touch.point.body_a);
     mark(touch.point.body_b);
@@ -367,7 +367,7 @@ void World::Impl::end_round() {
       grows = true;
     }
   }
-  for (Touch& touch : touches) {
+  for (Contact& touch : touches) {
     if (changed[index(touch.point.body_a)] || changed[index(touch.point.body_b)]) touch.approach = normal_velocity(touch);
   }
 }

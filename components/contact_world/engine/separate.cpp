@@ -26,7 +26,7 @@ constexpr int kRings = 1;
 /// Sets `allowed` of each point to the depth that its pair of shapes had at the start of the step, at least kLeft; from the
 /// second pass on, the points before are those of the previous pass. Returns whether a point has become too deep.
 bool World::Impl::allow_depths(int pass) {
-  const auto pair = [](const Touch& t) {
+  const auto pair = [](const Contact& t) {
     return std::make_tuple(t.point.body_a, t.point.body_b, t.point.shape_a, t.point.shape_b);
   };
   bool too_deep = false;
@@ -36,7 +36,7 @@ bool World::Impl::allow_depths(int pass) {
     while (before < touches_before.size() && pair(touches_before[before]) < key) ++before;
     double depth = kLeft;
     for (; before < touches_before.size() && pair(touches_before[before]) == key; ++before) {
-      const Touch& then = touches_before[before];
+      const Contact& then = touches_before[before];
       depth = std::max(depth, pass == 0 ? -then.point.gap : then.allowed);
     }
     for (; first < touches.size() && pair(touches[first]) == key; ++first) {
@@ -57,14 +57,14 @@ void World::Impl::mark_too_deep() {
     char& ring = shifted[index(body)];
     if (ring == 0 && frozen[index(body)] == 0) ring = as;
   };
-  for (const Touch& touch : touches) {
+  for (const Contact& touch : touches) {
     if (!touch.too_deep) continue;
     mark(touch.point.body_a, 1);
     mark(touch.point.body_b, 1);
   }
   for (char ring = 1; ring < 1 + kRings; ++ring) {
     const auto next = static_cast<char>(ring + 1);
-    for (const Touch& touch : touches) {
+    for (const Contact& touch : touches) {
       if (shifted[index(touch.point.body_a)] == ring) mark(touch.point.body_b, next);
       if (shifted[index(touch.point.body_b)] == ring) mark(touch.point.body_a, next);
     }
@@ -88,7 +88,7 @@ bool World::Impl::move_apart(double h) {
   mark_too_deep();
   rows.clear();
   for (std::size_t t = 0; t < touches.size(); ++t) {
-    const Touch& touch = touches[t];
+    const Contact& touch = touches[t];
     ConeRow row;
     row.a = shifted[index(touch.point.body_a)] != 0 ? touch.point.body_a : -1;
     row.b = shifted[index(touch.point.body_b)] != 0 ? touch.point.body_b : -1;
@@ -127,7 +127,7 @@ bool World::Impl::move_apart(double h) {
     poses[b] = body.pose();
   }
   collision.update(poses, margin, shifted);
-  take_points();
+  update_points();
   match(0);
   return true;
 }

@@ -23,7 +23,7 @@ constexpr double kStiff = 100;
 /// Adds the law of a soft contact to its row. Returns whether the row is needed. The velocity stage repeats the spring's impulse of
 /// the position stage.
 bool World::Impl::collect_spring(std::size_t t, ConeRow& row, Stage stage, double h) {
-  const Touch& touch = touches[t];
+  const Contact& touch = touches[t];
   if (stage == Stage::kVelocity && touch.conserves) {
     row.spring = ConeRow::Spring::kGiven;
     row.push = touch.push;
@@ -76,7 +76,7 @@ bool World::Impl::linearise_springs() {
 }
 
 void World::Impl::store_spring_impulses() {
-  for (Touch& touch : touches) {
+  for (Contact& touch : touches) {
     touch.push = touch.share = 0;
     touch.conserves = false;
   }
@@ -84,7 +84,7 @@ void World::Impl::store_spring_impulses() {
     if (row.spring != ConeRow::Spring::kLaw) continue;
     const double x = row.x[0];
     if (x > 0) status.swing = std::max(status.swing, std::sqrt(row.swing));
-    Touch& touch = touches[index(row.point)];
+    Contact& touch = touches[index(row.point)];
     const double u = normal_velocity(touch);
     if (!row.law.conserves) continue;
     touch.conserves = true;
@@ -95,7 +95,7 @@ void World::Impl::store_spring_impulses() {
 
 /// Applies the spring impulses of points that have no successor at the new poses.
 void World::Impl::apply_lost_springs() {
-  for (const Touch& touch : touches_before) {
+  for (const Contact& touch : touches_before) {
     if (touch.matched || touch.push == 0 || touch.stiffness == kInfinity) continue;
     const Vector3d& p = touch.point.p_W;
     const double before = normal_velocity(touch);

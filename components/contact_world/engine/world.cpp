@@ -405,7 +405,7 @@ void World::restore(std::span<const double> state) {
     }
   }
   w.touches.resize(kept);
-  for (Impl::Touch& touch : w.touches) {
+  for (Impl::Contact& touch : w.touches) {
     touch = {};
     ContactPoint& point = touch.point;
     point.body_a = static_cast<int>(get());

@@ -54,7 +54,7 @@ inline constexpr std::size_t kNumbersPerDent = 9, kNumbersPerYielding = 3;  // o
 
 struct World::Impl {
   /// A contact point with its material parameters and impulses.
-  struct Touch {
+  struct Contact {
     ContactPoint point;
     double mu = 0, restitution = 0, stiffness = 0, damping = 0;
     double gap = 0;                            // soft: of the spring, m; without the depth that stays after yielding
@@ -111,7 +111,7 @@ struct World::Impl {
 
   // Of resolve_impacts(); impacts.cpp
   bool find_impacts(double h);
-  bool strikes(const Touch& touch, double h) const;
+  bool strikes(const Contact& touch, double h) const;
   bool begin_round(double h);
   void find_supports(double h);
   void find_all_struck(double h);
@@ -131,10 +131,10 @@ struct World::Impl {
 
   // Of yielding contacts; yielding.cpp
   void make_dents();
-  void set_spring(Touch& touch) const;
-  Vector3d place_on_surface(const Touch& touch) const;
-  std::size_t dent_at(const Touch& touch) const;
-  Dent& make_dent(const Touch& touch);
+  void set_spring(Contact& touch) const;
+  Vector3d place_on_surface(const Contact& touch) const;
+  std::size_t dent_at(const Contact& touch) const;
+  Dent& make_dent(const Contact& touch);
   void yield(double h);
   void sum_yielding(double h);
   std::size_t dent_numbers() const {
@@ -156,7 +156,7 @@ struct World::Impl {
   double axis_impulse(std::size_t joint);
   double motion_energy() const;
   void account_axis(std::size_t joint, double q_0, double s_0, double s_1, double h);
-  double driven_work(const Touch& touch, const Vector3d& impulse) const;
+  double driven_work(const Contact& touch, const Vector3d& impulse) const;
   void end_guard();
   bool assembled();
   double largest_gap() const;
@@ -185,16 +185,16 @@ struct World::Impl {
   void reserve(std::size_t contacts);
   void reserve_impacts(std::size_t contacts);
   void detect();
-  void take_points();
+  void update_points();
   bool allow_depths(int pass);
   void mark_too_deep();
   bool move_apart(double h);
   void set_margin(double h);
   void match(double drifted);
-  void follow(Touch& touch, const Touch& before, double drifted) const;
-  Vector3d change_along(const Touch& touch) const;
-  void set_friction(Touch& touch, const scene::Material& a, const scene::Material& b) const;
-  double normal_velocity(const Touch& touch) const;
+  void follow(Contact& touch, const Contact& before, double drifted) const;
+  Vector3d change_along(const Contact& touch) const;
+  void set_friction(Contact& touch, const scene::Material& a, const scene::Material& b) const;
+  double normal_velocity(const Contact& touch) const;
 
   scene::Scene scene;
   Options options;
@@ -235,7 +235,7 @@ struct World::Impl {
   std::vector<char> shifted, frozen;  // bodies that separate() moves; bodies that it never moves
   std::vector<std::vector<const scene::Material*>> materials;
 
-  std::vector<Touch> touches, touches_before;
+  std::vector<Contact> touches, touches_before;
 
   std::vector<Dent> dents;         // of fixed number; those without a body are free
   std::size_t next_dent = 0;       // that is used or replaced next

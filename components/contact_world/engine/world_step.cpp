@@ -49,7 +49,7 @@ void World::Impl::step(double h) {
     refresh(h, 0);
   }
 
-  for (Touch& touch : touches) {
+  for (Contact& touch : touches) {
     touch.sum.setZero();
     touch.impact.setZero();
     touch.distant = false;
@@ -157,10 +157,10 @@ void World::Impl::detect() {
     if (bodies[b].motion != scene::Motion::kStatic) poses[b] = bodies[b].pose();
   }
   collision.detect(poses, margin);
-  take_points();
+  update_points();
 }
 
-void World::Impl::take_points() {
+void World::Impl::update_points() {
   std::swap(touches, touches_before);
   touches.clear();
   if (collision.points().size() > capacity) {
@@ -171,7 +171,7 @@ void World::Impl::take_points() {
     if (!bodies[index(point.body_a)].dynamic() && !bodies[index(point.body_b)].dynamic()) continue;
     const scene::Material& a = *materials[index(point.body_a)][index(point.shape_a)];
     const scene::Material& b = *materials[index(point.body_b)][index(point.shape_b)];
-    Touch touch;
+    Contact touch;
     touch.point = point;
     set_friction(touch, a, b);
     touch.restitution = std::max(a.restitution, b.restitution);
@@ -184,7 +184,7 @@ void World::Impl::take_points() {
 // Matches the points of two steps; both lists are sorted by pair. Points with equal features are the same; if features swap, as
 // for aligned faces, the nearest unmatched point is taken.
 /// Measures how the point travels, or keeps what is known if nothing has moved. A point whose features mean another place than before jumps.
-void World::Impl::follow(Touch& touch, const Touch& before, double drifted) const {
+void World::Impl::follow(Contact& touch, const Contact& before, double drifted) const {
   constexpr double kSame = 0.25;  // of the travel, the largest change in a step
   const auto fast = [&](int body) { return advance.any() && advance.is_fast(index(body)); };
   if (drifted == 0) {
@@ -206,10 +206,10 @@ void World::Impl::follow(Touch& touch, const Touch& before, double drifted) cons
 }
 
 void World::Impl::match(double drifted) {
-  const auto pair = [](const Touch& t) {
+  const auto pair = [](const Contact& t) {
     return std::make_tuple(t.point.body_a, t.point.body_b, t.point.shape_a, t.point.shape_b);
   };
-  const auto take = [&](Touch& touch, Touch& before) {
+  const auto take = [&](Contact& touch, Contact& before) {
     touch.impulse = before.impulse;
     touch.impact = before.impact;
     touch.sum = before.sum;
@@ -221,7 +221,7 @@ void World::Impl::match(double drifted) {
     touch.jumped = touch.point.n_W.dot(before.point.n_W) < kJump || (drifted == 0 && before.jumped);
     if (touch.point.id == before.point.id) follow(touch, before, drifted);
   };
-  for (Touch& before : touches_before) before.matched = false;
+  for (Contact& before : touches_before) before.matched = false;
   std::size_t begin = 0, first = 0;
   while (first < touches.size()) {
     const auto key = pair(touches[first]);
@@ -244,7 +244,7 @@ void World::Impl::match(double drifted) {
         kSamePlace * (bodies[index(touches[first].point.body_a)].radius + bodies[index(touches[first].point.body_b)].radius);
     for (std::size_t i = first; i < end && left > 0; ++i) {
       if (touches[i].matched) continue;
-      Touch* nearest = nullptr;
+      Contact* nearest = nullptr;
       double distance = reach * reach;
       for (std::size_t t = begin; t < end_before; ++t) {
         if (touches_before[t].matched) continue;
@@ -262,7 +262,7 @@ void World::Impl::match(double drifted) {
   }
 }
 
-double World::Impl::normal_velocity(const Touch& touch) const {
+double World::Impl::normal_velocity(const Contact& touch) const {
   const RigidBody& a = bodies[index(touch.point.body_a)];
   const RigidBody& b = bodies[index(touch.point.body_b)];
   const Vector3d& p = touch.point.p_W;
@@ -464,9 +464,9 @@ void World::Impl::satisfy_joints(double h) {
 }
 
 void World::Impl::store_impulses() {
-  for (Touch& touch : touches) touch.impulse.setZero();
+  for (Contact& touch : touches) touch.impulse.setZero();
   for (const ConeRow& row : rows.cones()) {
-    Touch& touch = touches[index(row.point)];
+    Contact& touch = touches[index(row.point)];
     touch.impulse = row.d * Vector3d(row.x[0], row.x[1], row.x[2]);
     touch.sum += touch.impulse;
   }

@@ -27,14 +27,14 @@ bool can_yield(const scene::Material& m) { return m.foundation > 0 && (m.yield <
 }  // namespace
 
 /// Place of a contact point on the surface that yields, in that body.
-Vector3d World::Impl::place_on_surface(const Touch& touch) const {
+Vector3d World::Impl::place_on_surface(const Contact& touch) const {
   const ContactPoint& point = touch.point;
   const Vector3d surface = point.p_W + (touch.yields_b ? 0.5 : -0.5) * point.gap * point.n_W;
   return bodies[index(touch.yields_b ? point.body_b : point.body_a)].pose().inverse() * surface;
 }
 
 /// Index of the dent that covers the place and is nearest to it, or their number.
-std::size_t World::Impl::dent_at(const Touch& touch) const {
+std::size_t World::Impl::dent_at(const Contact& touch) const {
   const int body = touch.yields_b ? touch.point.body_b : touch.point.body_a;
   const int shape = touch.yields_b ? touch.point.shape_b : touch.point.shape_a;
   const Vector3d p = place_on_surface(touch);
@@ -53,7 +53,7 @@ std::size_t World::Impl::dent_at(const Touch& touch) const {
 
 /// Sets stiffness, damping, limit and gap of a contact's spring. Springs in series carry the same force; each damper sees its
 /// spring's share of the speed. In a dent, the spring begins at the depth that stays; the area of a round surface remains there.
-void World::Impl::set_spring(Touch& touch) const {
+void World::Impl::set_spring(Contact& touch) const {
   const ContactPoint& point = touch.point;
   const scene::Material& a = *materials[index(point.body_a)][index(point.shape_a)];
   const scene::Material& b = *materials[index(point.body_b)][index(point.shape_b)];
@@ -92,7 +92,7 @@ void World::Impl::set_spring(Touch& touch) const {
 }
 
 /// The dent at a contact point, a new one if there is none.
-Dent& World::Impl::make_dent(const Touch& touch) {
+Dent& World::Impl::make_dent(const Contact& touch) {
   const std::size_t d = dent_at(touch);
   if (d < dents.size()) return dents[d];
   Dent& dent = dents[next_dent];
@@ -111,11 +111,11 @@ Dent& World::Impl::make_dent(const Touch& touch) {
 /// limit: (limit − k e)/d bounds the rate of the elastic depth e.
 void World::Impl::yield(double h) {
   if (dents.empty()) return;
-  const auto account_of = [&](const Touch& touch) -> Yielding& {
+  const auto account_of = [&](const Contact& touch) -> Yielding& {
     const int body = touch.yields_b ? touch.point.body_b : touch.point.body_a;
     return *std::find_if(yielding.begin(), yielding.end(), [&](const Yielding& one) { return one.body == index(body); });
   };
-  for (Touch& touch : touches) {
+  for (Contact& touch : touches) {
     if (!touch.can_yield || touch.without_effect || !(touch.gap < 0)) continue;
     const double rate = touch.damping / h, before = touch.matched ? std::max(-touch.gap_before, 0.0) : 0;
     const double most = (touch.limit + rate * before) / (touch.stiffness + rate);
@@ -130,21 +130,21 @@ void World::Impl::yield(double h) {
   }
   for (Dent& dent : dents) dent.is_new = false;
   for (std::size_t first = 0, end = 0; first < touches.size(); first = end) {
-    const auto same = [&](const Touch& t) {
+    const auto same = [&](const Contact& t) {
       const ContactPoint &one = t.point, &other = touches[first].point;
       return one.body_a == other.body_a && one.body_b == other.body_b && one.shape_a == other.shape_a &&
              one.shape_b == other.shape_b;
     };
     bool breaks = false;
     for (end = first; end < touches.size() && same(touches[end]); ++end) {
-      const Touch& touch = touches[end];
+      const Contact& touch = touches[end];
       if (!touch.can_yield || touch.without_effect) continue;
       const int body = touch.yields_b ? touch.point.body_b : touch.point.body_a;
       const int shape = touch.yields_b ? touch.point.shape_b : touch.point.shape_a;
       breaks = breaks || -touch.point.gap >= materials[index(body)][index(shape)]->breakthrough;
     }
     for (std::size_t t = first; t < end && breaks; ++t) {
-      Touch& touch = touches[t];
+      Contact& touch = touches[t];
       if (touch.without_effect) continue;
       Dent& dent = make_dent(touch);
       dent.pierced = true;
@@ -154,7 +154,7 @@ void World::Impl::yield(double h) {
     }
   }
   for (Dent& dent : dents) dent.is_new = false;
-  for (Touch& touch : touches) {
+  for (Contact& touch : touches) {
     if (touch.can_yield) set_spring(touch);
   }
 }
@@ -162,7 +162,7 @@ void World::Impl::yield(double h) {
 /// Normal forces on the bodies that yield, of the step.
 void World::Impl::sum_yielding(double h) {
   for (Yielding& one : yielding) one.force = 0;
-  for (const Touch& touch : touches) {
+  for (const Contact& touch : touches) {
     if (!touch.can_yield) continue;
     const std::size_t body = index(touch.yields_b ? touch.point.body_b : touch.point.body_a);
     for (Yielding& one : yielding) {

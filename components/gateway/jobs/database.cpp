@@ -168,7 +168,6 @@ void Database::execute(const char* sql) {
 }
 
 std::int64_t Database::last_row() const { return sqlite3_last_insert_rowid(database_); }
-int Database::changes() const { return sqlite3_changes(database_); }
 
 // IMMEDIATE: a deferred transaction that reads before it writes fails at once if another process has written in between.
 Transaction::Transaction(Database& database, bool durable) : database_(database) {

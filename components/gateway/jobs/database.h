@@ -101,8 +101,6 @@ class Database {
   }
   void execute(const char* sql);
   std::int64_t last_row() const;
-  /// Rows that the latest statement changed.
-  int changes() const;
   const std::string& file() const { return file_; }
 
  private:

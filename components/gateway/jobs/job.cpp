@@ -48,7 +48,7 @@ std::optional<Value> value_in(const std::array<Name<Value>, n>& names, std::stri
 }
 
 /// Reads a number of exactly `digits` digits from the start of `text` and removes it.
-bool take_number(std::string_view& text, std::size_t digits, int& value) {
+bool read_number(std::string_view& text, std::size_t digits, int& value) {
   if (text.size() < digits) return false;
   const auto [end, error] = std::from_chars(text.data(), text.data() + digits, value);
   if (error != std::errc() || end != text.data() + digits || text.front() == '-') return false;
@@ -85,9 +85,9 @@ std::string to_text(UtcTime time) {
 std::optional<UtcTime> time_of(std::string_view text) {
   using namespace std::chrono;
   int y = 0, m = 0, d = 0, hour = 0, minute = 0, second = 0, thousandths = 0;
-  if (!take_number(text, 4, y) || !take(text, "-") || !take_number(text, 2, m) || !take(text, "-") ||
-      !take_number(text, 2, d) || !take(text, "Tt") || !take_number(text, 2, hour) || !take(text, ":") ||
-      !take_number(text, 2, minute) || !take(text, ":") || !take_number(text, 2, second))
+  if (!read_number(text, 4, y) || !take(text, "-") || !read_number(text, 2, m) || !take(text, "-") ||
+      !read_number(text, 2, d) || !take(text, "Tt") || !read_number(text, 2, hour) || !take(text, ":") ||
+      !read_number(text, 2, minute) || !take(text, ":") || !read_number(text, 2, second))
     return std::nullopt;
   if (take(text, ".")) {
     std::size_t digits = 0;
@@ -102,7 +102,7 @@ std::optional<UtcTime> time_of(std::string_view text) {
     if (text.empty()) return std::nullopt;
     const int sign = text.front() == '-' ? -1 : 1;
     int hours_east = 0, minutes_east = 0;
-    if (!take(text, "+-") || !take_number(text, 2, hours_east) || !take(text, ":") || !take_number(text, 2, minutes_east) ||
+    if (!take(text, "+-") || !read_number(text, 2, hours_east) || !take(text, ":") || !read_number(text, 2, minutes_east) ||
         hours_east > 23 || minutes_east > 59)
       return std::nullopt;
     offset = sign * (hours(hours_east) + minutes(minutes_east));

@@ -39,7 +39,7 @@ void Scheduler::close() {
   if (thread_.joinable()) thread_.join();
 }
 
-Scheduler::Slot* Scheduler::slot_of(const Job& job) {
+Scheduler::WorkerSlot* Scheduler::slot_of(const Job& job) {
   for (const auto& slot : slots_) {
     if (!slot->doomed && slot->job && slot->job->sequence == job.sequence) return slot.get();
   }
@@ -47,7 +47,7 @@ Scheduler::Slot* Scheduler::slot_of(const Job& job) {
 }
 
 bool Scheduler::pause(const Job& job) {
-  Slot* slot = slot_of(job);
+  WorkerSlot* slot = slot_of(job);
   if (slot == nullptr) return true;
   if (slot->process) {
     const auto paused =
@@ -61,7 +61,7 @@ bool Scheduler::pause(const Job& job) {
 }
 
 void Scheduler::resume(const Job& job) {
-  Slot* slot = slot_of(job);
+  WorkerSlot* slot = slot_of(job);
   if (slot == nullptr) return;
   slot->paused = false;
   slot->since = Clock::now();
@@ -69,14 +69,14 @@ void Scheduler::resume(const Job& job) {
 }
 
 void Scheduler::release(const Job& job) {
-  if (Slot* slot = slot_of(job)) {
+  if (WorkerSlot* slot = slot_of(job)) {
     slot->doomed = true;
     if (slot->process) slot->process->signal(SIGKILL);
   }
 }
 
 void Scheduler::report(Job& job) const {
-  const Slot* slot = slot_of(job);
+  const WorkerSlot* slot = slot_of(job);
   if (slot == nullptr) return;
   job.progress = slot->progress;
   job.progress_message = slot->message;
@@ -96,14 +96,14 @@ int Scheduler::running() const {
 void Scheduler::run() {
   for (;;) {
     std::vector<pollfd> polled;
-    std::vector<Slot*> who;
+    std::vector<WorkerSlot*> who;
     int timeout = 0;
     {
       Lock lock(core_.mutex);
       wake_.arm();
       if (closing_) break;
       supervise(lock);
-      if (auto doomed = take_doomed(); !doomed.empty()) {
+      if (auto doomed = pop_doomed(); !doomed.empty()) {
         lock.unlock();  // their processes take a while to end
         wake_.disarm();
         continue;
@@ -129,8 +129,8 @@ void Scheduler::run() {
   slots_.clear();
 }
 
-std::vector<std::unique_ptr<Scheduler::Slot>> Scheduler::take_doomed() {
-  std::vector<std::unique_ptr<Slot>> doomed;
+std::vector<std::unique_ptr<Scheduler::WorkerSlot>> Scheduler::pop_doomed() {
+  std::vector<std::unique_ptr<WorkerSlot>> doomed;
   for (auto& slot : slots_) {
     if (slot->doomed || (!slot->process && !slot->job)) doomed.push_back(std::move(slot));
   }
@@ -138,7 +138,7 @@ std::vector<std::unique_ptr<Scheduler::Slot>> Scheduler::take_doomed() {
   return doomed;
 }
 
-double Scheduler::limit_s(const Slot& slot) const {
+double Scheduler::limit_s(const WorkerSlot& slot) const {
   return slot.job->order.time_limit_s > 0 ? slot.job->order.time_limit_s : core_.options.time_limit_s;
 }
 
@@ -253,10 +253,10 @@ bool Scheduler::give(Lock& lock, Job job) {
     core_.publish(JobChange::Kind::kState, job);
     return true;
   }
-  Slot* slot = idle_slot(job.robot, origin.robot_hash);
+  WorkerSlot* slot = idle_slot(job.robot, origin.robot_hash);
   if (slot == nullptr) {
     if (Clock::now() < next_start_) return false;
-    auto made = std::make_unique<Slot>();
+    auto made = std::make_unique<WorkerSlot>();
     try {
       const JobsOptions& o = core_.options;
       made->process = std::make_unique<WorkerProcess>(o.command, WorkerLimits{o.nice, o.memory, o.line});
@@ -289,7 +289,7 @@ bool Scheduler::give(Lock& lock, Job job) {
 }
 
 /// A worker may keep what it has read of a robot: one that has read other files is ended.
-Scheduler::Slot* Scheduler::idle_slot(const std::string& robot, const std::string& hash) {
+Scheduler::WorkerSlot* Scheduler::idle_slot(const std::string& robot, const std::string& hash) {
   for (const auto& slot : slots_) {
     if (slot->job || slot->doomed || !slot->process) continue;
     const auto known = slot->robots.find(robot);
@@ -300,7 +300,7 @@ Scheduler::Slot* Scheduler::idle_slot(const std::string& robot, const std::strin
 }
 
 // Reading and parsing need no lock: other threads only signal the process.
-void Scheduler::serve(Slot& slot) {
+void Scheduler::serve(WorkerSlot& slot) {
   slot.process->write();
   const bool open = slot.process->read();
   try {
@@ -323,7 +323,7 @@ void Scheduler::serve(Slot& slot) {
 }
 
 /// The files that the worker may have read in between.
-bool Scheduler::robot_is_unchanged(const Slot& slot) const {
+bool Scheduler::robot_is_unchanged(const WorkerSlot& slot) const {
   try {
     return core_.origin_of(slot.job->robot).robot_hash == slot.origin.robot_hash;
   } catch (const std::exception&) {
@@ -331,7 +331,7 @@ bool Scheduler::robot_is_unchanged(const Slot& slot) const {
   }
 }
 
-void Scheduler::accept(Slot& slot, const WorkerLine& line, bool same_robot) {
+void Scheduler::accept(WorkerSlot& slot, const WorkerLine& line, bool same_robot) {
   if (!slot.job || slot.reply) throw Error("the worker wrote a line without a job");
   if (!slot.heard && !slot.previous.empty() && line.id == slot.previous && line.id != slot.job->order.id)
     return fail(slot, "the worker answered a job twice", false);
@@ -360,7 +360,7 @@ void Scheduler::accept(Slot& slot, const WorkerLine& line, bool same_robot) {
 }
 
 /// Ends a job that has its reply. A job that was interrupted in that moment waits for Resume.
-void Scheduler::settle(Slot& slot) {
+void Scheduler::settle(WorkerSlot& slot) {
   auto job = core_.store.find(slot.job->order.id);
   if (job && job->state == JobState::kInterrupted) return;
   if (job && job->state == JobState::kRunning) {
@@ -396,7 +396,7 @@ void Scheduler::back_off() {
 
 /// The worker has ended or broke the protocol: its job loses a retry. It costs nothing if the worker was through with the job
 /// before (it ended with code 0, or wrote once more) when it was given this one.
-void Scheduler::fail(Slot& slot, const std::string& why, bool costs) {
+void Scheduler::fail(WorkerSlot& slot, const std::string& why, bool costs) {
   if (slot.doomed) return;
   if (slot.reply) return slot.process.reset();  // it has answered
   slot.doomed = true;

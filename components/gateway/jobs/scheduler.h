@@ -46,7 +46,7 @@ class Scheduler {
     bool problem = false;
     std::string json;
   };
-  struct Slot {
+  struct WorkerSlot {
     std::unique_ptr<WorkerProcess> process;  // null: it has ended after the reply
     std::optional<Job> job;                  // as it was given to the worker; nullopt: idle
     Origin origin;                           // of the job's result
@@ -70,24 +70,24 @@ class Scheduler {
   void check_limits();
   void dispatch(Lock& lock);
   bool give(Lock& lock, Job job);
-  Slot* idle_slot(const std::string& robot, const std::string& hash);
-  void serve(Slot& slot);
-  bool robot_is_unchanged(const Slot& slot) const;
-  void accept(Slot& slot, const WorkerLine& line, bool same_robot);
-  void settle(Slot& slot);
-  void fail(Slot& slot, const std::string& why, bool costs = true);
+  WorkerSlot* idle_slot(const std::string& robot, const std::string& hash);
+  void serve(WorkerSlot& slot);
+  bool robot_is_unchanged(const WorkerSlot& slot) const;
+  void accept(WorkerSlot& slot, const WorkerLine& line, bool same_robot);
+  void settle(WorkerSlot& slot);
+  void fail(WorkerSlot& slot, const std::string& why, bool costs = true);
   void back_off();
   void clean();
   int running() const;
-  Slot* slot_of(const Job& job);
-  const Slot* slot_of(const Job& job) const { return const_cast<Scheduler*>(this)->slot_of(job); }
-  double limit_s(const Slot& slot) const;
+  WorkerSlot* slot_of(const Job& job);
+  const WorkerSlot* slot_of(const Job& job) const { return const_cast<Scheduler*>(this)->slot_of(job); }
+  double limit_s(const WorkerSlot& slot) const;
   int timeout_ms();
-  std::vector<std::unique_ptr<Slot>> take_doomed();
+  std::vector<std::unique_ptr<WorkerSlot>> pop_doomed();
 
   JobsCore& core_;
   bus::Wake wake_;
-  std::vector<std::unique_ptr<Slot>> slots_;  // added and removed by the thread only
+  std::vector<std::unique_ptr<WorkerSlot>> slots_;  // added and removed by the thread only
   bool closing_ = false;
   Clock::time_point next_start_{}, next_try_{}, next_clean_{};  // of a worker; of the database
   double back_off_s_;

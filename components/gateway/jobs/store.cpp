@@ -148,7 +148,7 @@ JobStore::Insertion JobStore::insert(const JobOrder& order, const CanonicalReque
     database_.run("INSERT INTO keys(owner, key, fingerprint, job_id, used) VALUES (?, ?, ?, ?, ?)", options.owner,
                   options.idempotency_key, fingerprint, job.order.id, now);
   const bool due = !order.start_time || *order.start_time <= now;
-  if (options.start && due && order.reuse && origin) take_earlier(job, *origin, now);
+  if (options.start && due && order.reuse && origin) restore_earlier(job, *origin, now);
   transaction.commit();
   return {{kNoError, job.order.id, "", false}, job};
 }
@@ -199,13 +199,13 @@ bool JobStore::complete(Job& job, std::string_view reply, const Origin& origin) 
 bool JobStore::reuse(Job& job, const Origin& origin, UtcTime now) {
   Transaction transaction(database_, false);
   Job changed = job;
-  if (!take_earlier(changed, origin, now)) return false;
+  if (!restore_earlier(changed, origin, now)) return false;
   transaction.commit();
   job = std::move(changed);
   return true;
 }
 
-bool JobStore::take_earlier(Job& job, const Origin& origin, UtcTime now) {
+bool JobStore::restore_earlier(Job& job, const Origin& origin, UtcTime now) {
   if (origin.robot_hash.empty()) return false;
   Statement earlier = database_.query(
       "SELECT number, length(CAST(reply AS BLOB)), busy_s FROM answers WHERE request_hash = ? AND robot_hash = ? AND producer "

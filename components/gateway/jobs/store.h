@@ -78,7 +78,7 @@ class JobStore {
   void write_closed(bool closed);
   std::int64_t next_version();
   std::int64_t keep_result(const Job& job, const Origin& origin, std::int64_t answer, std::uint64_t bytes, bool reused);
-  bool take_earlier(Job& job, const Origin& origin, UtcTime now);
+  bool restore_earlier(Job& job, const Origin& origin, UtcTime now);
   void remove_row(Job& job, const std::string& reason, UtcTime now);
   std::optional<std::string> full();
   bool remove_result(std::string_view condition, std::int64_t value);

@@ -175,12 +175,12 @@ LiveRun::Sample Live::read(LiveRun::Watch& watch, const LiveRun& run) const {
     if (run.position().phase == bus::RunPhase::kEnded) refuse(409, "the run has ended");
     if (bus::monotonic_ns() >= limit) refuse(503, "the run has been within a tick for a second");
   }
-  (void)watch.take_newest(sample);
+  (void)watch.pop_newest(sample);
   return sample;
 }
 
 /// The places of a client among the watched values. Throws Refusal 429 if it has its share already.
-std::shared_ptr<Shares::Share> Live::take_elements(const std::string& owner, std::size_t elements) const {
+std::shared_ptr<Shares::Share> Live::reserve_elements(const std::string& owner, std::size_t elements) const {
   std::size_t permitted = 0;
   auto share = elements_.take(owner, elements, permitted);
   if (!share)
@@ -192,7 +192,7 @@ std::shared_ptr<Shares::Share> Live::take_elements(const std::string& owner, std
 std::string Live::values(const std::vector<std::string>& names, const std::string& owner) const {
   const std::shared_ptr<LiveRun> r = run();
   try {
-    const auto share = take_elements(owner, count_elements(*r, names));
+    const auto share = reserve_elements(owner, count_elements(*r, names));
     LiveRun::Watch watch(r, names, 0);
     const LiveRun::Sample sample = read(watch, *r);
     return to_json(watch.elements(), sample, 0);
@@ -389,7 +389,7 @@ void Live::add_routes(http::Router& router) {
     const std::shared_ptr<LiveRun> r = run();
     try {
       std::size_t permitted = 0;
-      order.elements = take_elements(request.owner, count_elements(*r, order.names));
+      order.elements = reserve_elements(request.owner, count_elements(*r, order.names));
       order.watch = watches_.take(request.owner, 1, permitted);
       if (!order.watch)
         refuse(429,

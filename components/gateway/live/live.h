@@ -64,7 +64,7 @@ class Live {
   /// A value was changed.
   void hurry_streams() const;
   void begin(const std::shared_ptr<http::Stream>& to, const StreamOrder& order);
-  std::shared_ptr<Shares::Share> take_elements(const std::string& owner, std::size_t elements) const;
+  std::shared_ptr<Shares::Share> reserve_elements(const std::string& owner, std::size_t elements) const;
   bus::LiveRun::Sample read(bus::LiveRun::Watch& watch, const bus::LiveRun& run) const;
 
   std::atomic<bool> commands_ = true;

@@ -159,7 +159,7 @@ bool Streams::serve(Client& c, std::int64_t now, bool hurried) {
     c.asked = false;
     if (c.to->waiting() > 0) {
       LiveRun::Sample left_out;
-      (void)c.watch->take_newest(left_out);
+      (void)c.watch->pop_newest(left_out);
       if (!c.late_since) c.late_since = now;
       c.due = std::min(c.due, now);
       c.again = now + kAgain;
@@ -179,7 +179,7 @@ bool Streams::serve(Client& c, std::int64_t now, bool hurried) {
 
 void Streams::send_newest(Client& c) {
   LiveRun::Sample sample;
-  if (!c.watch->take_newest(sample)) return;
+  if (!c.watch->pop_newest(sample)) return;
   const std::int64_t changes = run_->position().changes;
   if (sample.tick == c.tick && changes == c.changes) return;  // a paused run
   c.tick = sample.tick;

@@ -13,7 +13,7 @@
 
 namespace cotwin::gateway::live {
 
-/// What a client of a stream wants.
+/// The order of a stream: elements, rate and format.
 struct StreamOrder {
   std::vector<std::string> names;
   double rate_hz = 20;  // messages per second of wall time, at most; after a change one comes early, in place of the next one

@@ -27,7 +27,7 @@ void check_prefix(const PlantOptions& o) {
   if (bad) throw Error(o.broker.place, "'" + o.prefix + "' is no prefix of topics, expected such as cotwin/cell_3");
 }
 
-std::size_t size_of(const Link::Message& m) {
+std::size_t size_of(const BrokerSession::Message& m) {
   return m.topic.size() + m.payload.size() + m.response_topic.size() + m.correlation.size();
 }
 
@@ -39,8 +39,9 @@ Plant::Plant(PlantOptions options, Handler command, Handler request) : options_(
   check_prefix(options_);
   if (!(options_.rate_hz >= 0.001 && options_.rate_hz <= 100))
     throw Error(options_.broker.place, "rate of " + std::to_string(options_.rate_hz) + " Hz over MQTT, expected 0.001 to 100");
-  link_ = std::make_unique<Link>(options_.broker, Link::Message{topic("status"), online(false), 1, true, "", ""},
-                                 [this](Link::Event event) { happened(std::move(event)); });
+  link_ =
+      std::make_unique<BrokerSession>(options_.broker, BrokerSession::Message{topic("status"), online(false), 1, true, "", ""},
+                                      [this](BrokerSession::Event event) { happened(std::move(event)); });
   thread_ = std::thread([this] { work(); });
   commands_.handler = std::move(command);
   requests_.handler = std::move(request);
@@ -90,7 +91,7 @@ void Plant::event(const std::string& name, std::string json) {
 }
 
 void Plant::queue(std::string to, std::string payload, int qos, bool retained, std::string correlation) {
-  Link::Message message{std::move(to), std::move(payload), qos, retained, "", std::move(correlation)};
+  BrokerSession::Message message{std::move(to), std::move(payload), qos, retained, "", std::move(correlation)};
   const std::lock_guard lock(mutex_);
   std::size_t bytes = size_of(message);
   for (const Outgoing& o : waiting_) bytes += size_of(o.message);
@@ -103,11 +104,11 @@ void Plant::queue(std::string to, std::string payload, int qos, bool retained, s
 }
 
 /// On Paho's threads.
-void Plant::happened(Link::Event event) {
-  if (event.kind == Link::Event::Kind::kMessage) ++counts_.received;
+void Plant::happened(BrokerSession::Event event) {
+  if (event.kind == BrokerSession::Event::Kind::kMessage) ++counts_.received;
   {
     const std::lock_guard lock(mutex_);
-    const bool is_message = event.kind == Link::Event::Kind::kMessage;
+    const bool is_message = event.kind == BrokerSession::Event::Kind::kMessage;
     const std::size_t bytes = size_of(event.message);
     if (is_message && (events_.size() >= kMostEvents || event.message.payload.size() > kLargestMessage ||
                        event_bytes_ + bytes > kMostBytes)) {
@@ -123,7 +124,7 @@ void Plant::happened(Link::Event event) {
 }
 
 void Plant::work() {
-  std::deque<Link::Event> events;
+  std::deque<BrokerSession::Event> events;
   while (!ending_) {
     const std::int64_t before = bus::monotonic_ns();
     // Paho looks only from time to time whether it may close a connection, and never answers who connects before.
@@ -147,7 +148,7 @@ void Plant::work() {
         asked_ = watch_ != nullptr;
       }
     }
-    for (const Link::Event& event : events) handle(event, now);
+    for (const BrokerSession::Event& event : events) handle(event, now);
     events.clear();
     if (!connected_) continue;
     publish_phase();
@@ -166,7 +167,7 @@ void Plant::work() {
         event_bytes_ = 0;
       }
       arrived_ = false;
-      for (const Link::Event& event : events) handle(event, bus::monotonic_ns());
+      for (const BrokerSession::Event& event : events) handle(event, bus::monotonic_ns());
       events.clear();
       send_waiting();
       bool all = false;
@@ -184,8 +185,8 @@ void Plant::work() {
   link_.reset();
 }
 
-void Plant::handle(const Link::Event& event, std::int64_t now) {
-  using Kind = Link::Event::Kind;
+void Plant::handle(const BrokerSession::Event& event, std::int64_t now) {
+  using Kind = BrokerSession::Event::Kind;
   switch (event.kind) {
     case Kind::kConnected:
       return begin_session();
@@ -209,7 +210,7 @@ void Plant::handle(const Link::Event& event, std::int64_t now) {
     case Kind::kMessage:
       break;
   }
-  const Link::Message& message = event.message;
+  const BrokerSession::Message& message = event.message;
   Orders* const orders = message.topic == topic("commands")   ? &commands_
                          : message.topic == topic("requests") ? &requests_
                                                               : nullptr;
@@ -267,7 +268,7 @@ void Plant::publish_values(std::int64_t now) {
   if (asked_ && watch_->ready()) {
     asked_ = false;
     bus::LiveRun::Sample sample;
-    (void)watch_->take_newest(sample);
+    (void)watch_->pop_newest(sample);
     next_values_ = std::max(next_values_ + static_cast<std::int64_t>(1e9 / options_.rate_hz), now);
     const std::string to = topic("values");
     {
@@ -308,7 +309,7 @@ bool Plant::may_reply_to(const std::string& to) const {
 
 void Plant::answer(Orders& orders) {
   for (;;) {
-    Link::Message order;
+    BrokerSession::Message order;
     {
       std::unique_lock lock(mutex_);
       orders.arrived.wait(lock, [&] { return !orders.waiting.empty() || ending_; });

@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "components/bus/live_run.h"
-#include "components/gateway/mqtt/link.h"
+#include "components/gateway/mqtt/broker_session.h"
 
 namespace cotwin::gateway::mqtt {
 
@@ -76,21 +76,21 @@ class Plant {
  private:
   struct Outgoing {
     std::uint64_t number = 0;
-    Link::Message message;
+    BrokerSession::Message message;
   };
   /// Commands, or requests, that wait for the thread that answers them: a request that takes its time delays no command.
   struct Orders {
     Handler handler;
-    std::deque<Link::Message> waiting;  // guarded by mutex_
-    std::size_t bytes = 0;              // likewise
+    std::deque<BrokerSession::Message> waiting;  // guarded by mutex_
+    std::size_t bytes = 0;                       // likewise
     std::condition_variable arrived;
     std::thread thread;
   };
 
-  void happened(Link::Event event);
+  void happened(BrokerSession::Event event);
   void work();
   void answer(Orders& orders);
-  void handle(const Link::Event& event, std::int64_t now);
+  void handle(const BrokerSession::Event& event, std::int64_t now);
   void begin_session();
   void lose_session(const std::string& why, std::int64_t now);
   void publish_values(std::int64_t now);
@@ -108,7 +108,7 @@ class Plant {
   std::atomic<bool> arrived_ = false;
 
   mutable std::mutex mutex_;
-  std::deque<Link::Event> events_;  // from Paho
+  std::deque<BrokerSession::Event> events_;  // from Paho
   std::size_t event_bytes_ = 0;
   std::shared_ptr<bus::LiveRun> new_run_;
   std::unique_ptr<bus::LiveRun::Watch> new_watch_;
@@ -116,10 +116,10 @@ class Plant {
   std::string trouble_ = "it has not connected yet";
 
   // Of the thread work().
-  std::unique_ptr<Link> link_;
+  std::unique_ptr<BrokerSession> link_;
   std::shared_ptr<bus::LiveRun> run_;
   std::unique_ptr<bus::LiveRun::Watch> watch_;
-  std::map<std::uint64_t, Link::Message> in_flight_;
+  std::map<std::uint64_t, BrokerSession::Message> in_flight_;
   std::uint64_t number_ = 0;
   std::int64_t next_attempt_ = 0, delay_ = 0, next_values_ = 0;
   bool connecting_ = false, asked_ = false;

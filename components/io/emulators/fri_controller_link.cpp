@@ -214,7 +214,7 @@ void FriControllerLink::initialise(Time start, Measured&) {
   warning_.reserve(512);
   rejected_.clear();
   rejected_.reserve(fri::kMaxDatagram + 1);
-  take_measurements(start.ns);
+  read_measurements(start.ns);
   write_outputs(start.ns);
 }
 
@@ -228,7 +228,7 @@ StepResult FriControllerLink::step(Time now, Duration h, const Command&, Measure
   open_or_close(now.ns);
   if (!hold_) q_own_ = q_d_;
   request(h.seconds());
-  take_measurements(now.ns);
+  read_measurements(now.ns);
   // Steps that catch up are too fast for the client: its missing answers would count as lost commands.
   const bool spaced = spacing_ == 0 || host_ - sent_at_ >= Duration::from_seconds(spacing_).ns;
   if (controller_->next() <= now.ns && spaced) send(controller_->cycle(now.ns));
@@ -282,7 +282,7 @@ void FriControllerLink::send_again() {
     datagrams_.skip_numbers();
     controller_->open(before);
     opened_at_ = before;
-    take_measurements(before);
+    read_measurements(before);
     controller_->cycle(before);
     opened_ = true;
   }
@@ -344,7 +344,7 @@ void FriControllerLink::request(double h) {
   controller_->request(request_ && !again);
 }
 
-void FriControllerLink::take_measurements(std::int64_t now) {
+void FriControllerLink::read_measurements(std::int64_t now) {
   M& m = controller_->robot();
   m.fields = M::kMeasuredPosition | M::kMeasuredTorque | M::kCommandedTorque | M::kExternalTorque | M::kTime | M::kSafetyState |
              M::kOperationMode | M::kDriveStates | M::kDynamics;
@@ -440,7 +440,7 @@ std::string FriControllerLink::what_was_rejected() const {
   return other == fri::kProtocols.end() ? text : text + "; the last one is a command of " + fri::to_text(*other);
 }
 
-void FriControllerLink::tell(std::vector<std::string>& sentences) const {
+void FriControllerLink::append_notes(std::vector<std::string>& sentences) const {
   const std::string client = net::to_text(controller_->client());
   const auto milliseconds = [](double s) { return text::to_text(1e3 * s, 4) + " ms"; };
   if (commands_ == 0) {

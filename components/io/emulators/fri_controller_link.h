@@ -32,7 +32,7 @@ class FriControllerLink final : public Link {
   bool restorable() const override { return false; }
   bool is_robot() const override { return true; }
   TickSource* tick_source() override { return &datagrams_; }
-  void tell(std::vector<std::string>& sentences) const override;
+  void append_notes(std::vector<std::string>& sentences) const override;
 
  private:
   static constexpr double kNoLimit = 1e9;    // rad, N.m
@@ -64,7 +64,7 @@ class FriControllerLink final : public Link {
   void send_again();
   void warn(const char* sentence);
   std::string what_was_rejected() const;
-  void take_measurements(std::int64_t now);
+  void read_measurements(std::int64_t now);
   void open_or_close(std::int64_t now);
   void request(double h);
   void write_outputs(std::int64_t now);

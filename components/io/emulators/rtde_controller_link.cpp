@@ -300,7 +300,7 @@ void RtdeControllerLink::write_outputs(Time at) {
   refused_ = saturated(s.refused);
 }
 
-void RtdeControllerLink::tell(std::vector<std::string>& sentences) const {
+void RtdeControllerLink::append_notes(std::vector<std::string>& sentences) const {
   if (!controller_) return;
   const rtde::ControllerStatistics& s = controller_->statistics();
   sentences.push_back("RTDE at " + net::to_text(listener_->local()) + ": " + std::to_string(s.clients) + " clients, " +

@@ -28,7 +28,7 @@ class RtdeControllerLink final : public Link {
   StepResult step(Time now, Duration h, const Command& command, Measured& measured) override;
   bool restorable() const override { return false; }
   bool is_robot() const override { return true; }
-  void tell(std::vector<std::string>& sentences) const override;
+  void append_notes(std::vector<std::string>& sentences) const override;
 
  private:
   static constexpr std::size_t kRegisters = 48;

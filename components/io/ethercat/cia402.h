@@ -60,7 +60,7 @@ State after(State state, Command command, bool fault);
 /// Modes of operation, object 0x6060.
 enum class Mode : std::int8_t { kNone = 0, kHoming = 6, kPosition = 8, kVelocity = 9, kTorque = 10 };
 
-/// What a master wants of a drive.
+/// The commands of a master to a drive.
 enum class Wish : std::uint8_t { kOff, kStop, kOn };
 
 /// The side of a master: brings a drive to the wished state, one step of the standard at a time. It never resets a fault by itself.

@@ -19,32 +19,6 @@ constexpr std::uint16_t kDatagramProtocol = 1;
 
 }  // namespace
 
-std::string_view describe(FrameFault fault) {
-  switch (fault) {
-    case FrameFault::kNone:
-      return "no fault";
-    case FrameFault::kTooLong:
-      return "the frame is longer than 1514 bytes";
-    case FrameFault::kNotEtherCat:
-      return "the Ethernet type is not 0x88A4";
-    case FrameFault::kProtocol:
-      return "the EtherCAT header does not announce datagrams (type 1)";
-    case FrameFault::kReserved:
-      return "a reserved bit is set";
-    case FrameFault::kCutShort:
-      return "the frame is shorter than its EtherCAT header says";
-    case FrameFault::kCutDatagram:
-      return "a datagram is longer than the rest of the frame";
-    case FrameFault::kCommand:
-      return "a datagram has an unknown command";
-    case FrameFault::kMore:
-      return "the bits for further datagrams do not match the length of the frame";
-    case FrameFault::kTooMany:
-      return "the frame has more than 15 datagrams";
-  }
-  return "unknown fault";
-}
-
 FrameReader::FrameReader(std::span<const std::uint8_t> frame, Reserved reserved)
     : frame_(frame), fault_(check(reserved == Reserved::kFault)) {
   if (fault_ == FrameFault::kNone) end_ += load<std::uint16_t>(&frame_[14]) & kLengthBits;
@@ -102,11 +76,6 @@ void FrameWriter::begin(const MacAddress& source, const MacAddress& destination)
   buffer_[13] = kEtherType & 0xff;
   end_ = kFrameHeader;
   last_ = count_ = 0;
-}
-
-std::size_t FrameWriter::room() const {
-  const std::size_t left = buffer_.size() - end_;
-  return count_ == kMostDatagrams || left < kDatagramOverhead ? 0 : left - kDatagramOverhead;
 }
 
 bool FrameWriter::add(Command command, std::uint8_t index, std::uint32_t address, std::span<const std::uint8_t> data) {

@@ -3,7 +3,6 @@
 #include <cstddef>
 #include <cstdint>
 #include <span>
-#include <string_view>
 
 /// EtherCAT frames (ETG.1000.4): Ethernet header, EtherCAT header and up to 15 datagrams,
 ///   dst(6) src(6) 0x88A4 | length and type (2) | datagram: header(10) data working counter(2) | … | padding to 60 bytes,
@@ -82,9 +81,6 @@ enum class FrameFault : std::uint8_t {
   kTooMany,      // more than 15 datagrams
 };
 
-/// The fault in words.
-std::string_view describe(FrameFault fault);
-
 /// Reads the datagrams of a frame. The constructor checks the whole frame: a frame with a fault has no datagrams.
 class FrameReader {
  public:
@@ -115,8 +111,6 @@ class FrameWriter {
 
   /// Starts a frame without datagrams.
   void begin(const MacAddress& source = kMasterAddress, const MacAddress& destination = kBroadcast);
-  /// Bytes of data that one more datagram can carry; 0 also if there are 15 datagrams.
-  std::size_t room() const;
   /// Adds a datagram with `data`. Returns false and adds nothing if it does not fit.
   bool add(Command command, std::uint8_t index, std::uint32_t address, std::span<const std::uint8_t> data);
   /// Adds a datagram of `length` zero bytes (a read, or data that the caller sets). Returns the offset of its data in the buffer; 0 if

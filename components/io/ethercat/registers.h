@@ -66,12 +66,9 @@ inline constexpr std::uint16_t kProcessRam = 0x1000;
 }  // namespace reg
 
 namespace feature {
-inline constexpr std::uint16_t kByteFmmu = 0x0001;
 inline constexpr std::uint16_t kClock = 0x0004;
-inline constexpr std::uint16_t kClock64 = 0x0008;
 inline constexpr std::uint16_t kNoLrw = 0x0200;
 inline constexpr std::uint16_t kNoReadWrite = 0x0400;  // no BRW, APRW, FPRW
-inline constexpr std::uint16_t kFixedMapping = 0x0800;
 }  // namespace feature
 
 namespace event {
@@ -84,7 +81,6 @@ inline constexpr std::uint16_t kSyncManager0 = 0x0010;  // bits 4 to 11: sync ma
 namespace sii_control {
 inline constexpr std::uint16_t kWriteEnable = 0x0001;
 inline constexpr std::uint16_t kReads8Bytes = 0x0040;
-inline constexpr std::uint16_t kTwoByteAddress = 0x0080;
 inline constexpr std::uint16_t kRead = 0x0100;
 inline constexpr std::uint16_t kWrite = 0x0200;
 inline constexpr std::uint16_t kReload = 0x0400;  // some masters write 0x0300
@@ -134,7 +130,6 @@ inline constexpr std::uint8_t kMailbox = 0x02;
 inline constexpr std::uint8_t kDirectionBits = 0x0c;  // 0: the master reads, 4: the master writes
 inline constexpr std::uint8_t kMasterWrites = 0x04;
 inline constexpr std::uint8_t kMasterEvent = 0x10;
-inline constexpr std::uint8_t kPdiEvent = 0x20;
 inline constexpr std::uint8_t kWatchdog = 0x40;
 inline constexpr std::uint8_t kEnabled = 0x01;     // activate byte
 inline constexpr std::uint8_t kRepeat = 0x02;      // activate byte

@@ -175,7 +175,7 @@ void Client::note_reflected(std::uint32_t reflected, std::int64_t arrival) {
 }
 
 /// Quantities that are not finite keep their last values.
-void Client::take_quantities(const Command& wanted, std::uint32_t fields) {
+void Client::set_quantities(const Command& wanted, std::uint32_t fields) {
   const std::size_t n = settings_.joints;
   if ((fields & C::kPosition) != 0) take(sent_.q, wanted.q, n);
   if ((fields & C::kTorque) != 0) take(sent_.tau, wanted.tau, n);
@@ -218,7 +218,7 @@ void Client::compose_lwr(const Command& wanted) {
   const Joints before = sent_.q;
   const bool commanding = m.state == SessionState::kCommandingActive;
   if (!commanding) sent_.fields = wanted.fields & ~std::uint32_t{C::kRedundancy};
-  take_quantities(wanted, sent_.fields);
+  set_quantities(wanted, sent_.fields);
   if (commanding) {
     limit_speed(before);
     return;
@@ -249,7 +249,7 @@ void Client::compose_sunrise(const Command& wanted) {
   if (m.has(M::kInterpolatorRedundancy) && (given & C::kRedundancy) == 0) sent_.redundancy = m.redundancy_interpolator;
   if ((given & C::kTorque) == 0) sent_.tau.fill(0);
   if ((given & C::kWrench) == 0) sent_.F.setZero();
-  take_quantities(wanted, given);
+  set_quantities(wanted, given);
   if ((given & C::kPosition) != 0) limit_speed(before);
 }
 

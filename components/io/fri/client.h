@@ -99,7 +99,7 @@ class Client {
   void note_reflected(std::uint32_t reflected, std::int64_t arrival);
   void compose_lwr(const Command& wanted);
   void compose_sunrise(const Command& wanted);
-  void take_quantities(const Command& wanted, std::uint32_t fields);
+  void set_quantities(const Command& wanted, std::uint32_t fields);
   void limit_speed(const Joints& before);
 
   ClientSettings settings_;

@@ -34,16 +34,6 @@ void check_joints(Protocol protocol, std::size_t joints, const std::string& plac
                          (lwr ? "7" : "1 to " + std::to_string(kMaxJoints)));
 }
 
-const char* to_text(SessionState state) {
-  constexpr std::array kTexts{"IDLE", "MONITORING_WAIT", "MONITORING_READY", "COMMANDING_WAIT", "COMMANDING_ACTIVE"};
-  return kTexts.at(static_cast<std::size_t>(state));
-}
-
-const char* to_text(Quality quality) {
-  constexpr std::array kTexts{"POOR", "FAIR", "GOOD", "EXCELLENT"};
-  return kTexts.at(static_cast<std::size_t>(quality));
-}
-
 const char* to_text(Fault fault) {
   constexpr std::array<const char*, kFaults> kTexts{"none",    "size",  "identifier", "truncated",  "wire_type", "count",
                                                     "missing", "value", "checksum",   "not_finite", "stranger"};

@@ -53,9 +53,6 @@ enum class ControlMode : std::uint8_t { kPosition, kCartesianImpedance, kJointIm
 enum class ClientCommandMode : std::uint8_t { kNone, kPosition, kWrench, kTorque, kCartesianPose };
 enum class OverlayType : std::uint8_t { kNone, kJoint, kCartesian };
 
-const char* to_text(SessionState state);
-const char* to_text(Quality quality);
-
 inline constexpr bool is_commanding(SessionState s) {
   return s == SessionState::kCommandingWait || s == SessionState::kCommandingActive;
 }

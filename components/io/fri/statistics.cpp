@@ -58,7 +58,6 @@ void SequenceTracker::begin(std::uint32_t number) {
 
 void SequenceTracker::begin_at_newest() {
   lost_ -= gap_;
-  longest_gap_ = longest_before_;
   gap_ = 0;
   seen_.fill(0);
   first_ = newest_;
@@ -78,8 +77,6 @@ SequenceTracker::Arrival SequenceTracker::add(std::uint32_t number, bool silent)
   if (difference > 0 && difference <= kLargestGap) {
     gap_ = static_cast<std::uint64_t>(difference - 1);
     lost_ += gap_;
-    longest_before_ = longest_gap_;
-    longest_gap_ = std::max(longest_gap_, gap_);
     for (std::int64_t p = std::max(newest_ + 1, position_ - kWindow + 1); p < position_; ++p) mark(p, false);
     mark(position_, true);
     newest_ = position_;

@@ -70,8 +70,7 @@ class SequenceTracker {
   std::uint64_t reordered() const { return reordered_; }
   std::uint64_t duplicates() const { return duplicates_; }
   std::uint64_t stale() const { return stale_; }
-  std::uint64_t restarts() const { return restarts_; }        // of the sender
-  std::uint64_t longest_gap() const { return longest_gap_; }  // packets
+  std::uint64_t restarts() const { return restarts_; }  // of the sender
 
  private:
   void begin(std::uint32_t number);
@@ -84,8 +83,8 @@ class SequenceTracker {
   std::int64_t newest_ = 0, position_ = 0, first_ = 0;
   std::array<std::uint64_t, kWindow / 64> seen_{};  // bit: position modulo kWindow
   std::uint32_t after_ = 0, run_ = 0;  // packets in a row that are not newer, and the number that would continue them
-  std::uint64_t received_ = 0, lost_ = 0, reordered_ = 0, duplicates_ = 0, stale_ = 0, restarts_ = 0, longest_gap_ = 0;
-  std::uint64_t gap_ = 0, longest_before_ = 0;  // before the newest packet, and the longest one up to then
+  std::uint64_t received_ = 0, lost_ = 0, reordered_ = 0, duplicates_ = 0, stale_ = 0, restarts_ = 0;
+  std::uint64_t gap_ = 0;  // before the newest packet
 };
 
 /// Datagrams that were not accepted, by the reason.

@@ -69,7 +69,7 @@ class Link {
   };
   virtual Needs needs() const { return {}; }
   /// Appends sentences on the run so far (Unit::tell).
-  virtual void tell(std::vector<std::string>&) const {}
+  virtual void append_notes(std::vector<std::string>&) const {}
   /// Brings what is behind the link to its safe state (Unit::end).
   virtual void end() noexcept {}
 };

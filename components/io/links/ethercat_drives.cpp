@@ -312,7 +312,7 @@ void EtherCatDrives::write_outputs() {
   enabled_ = follows_;
 }
 
-void EtherCatDrives::tell(std::vector<std::string>& sentences) const {
+void EtherCatDrives::append_notes(std::vector<std::string>& sentences) const {
   if (stops_ == 0) return;
   sentences.push_back("the drives were stopped " + std::to_string(stops_) + " times, last because drive " +
                       stopped_drive_->name + " " + stopped_by_);

@@ -58,7 +58,7 @@ class EtherCatDrives {
   void measure(Measured& measured, double dq_cutoff, double patience);
   /// Instead of write(), at the end of a run: a quick stop. Whether a drive may still move.
   bool stop(ethercat::Master& master);
-  void tell(std::vector<std::string>& sentences) const;
+  void append_notes(std::vector<std::string>& sentences) const;
 
  private:
   enum class Mode : std::uint8_t { kMonitor, kPosition, kVelocity, kTorque };

@@ -123,6 +123,6 @@ void EtherCatEncoder::read(std::span<const std::uint8_t> in, bool restarted, dou
   count = static_cast<std::int32_t>(static_cast<std::uint32_t>(counts_));
 }
 
-std::optional<EtherCatEncoder::Speed> EtherCatEncoder::take_speed() { return std::exchange(speed_, std::nullopt); }
+std::optional<EtherCatEncoder::Speed> EtherCatEncoder::pop_speed() { return std::exchange(speed_, std::nullopt); }
 
 }  // namespace cotwin::io

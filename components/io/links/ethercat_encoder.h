@@ -42,7 +42,7 @@ class EtherCatEncoder {
   struct Speed {
     double value = 0, duration = 0;
   };
-  std::optional<Speed> take_speed();
+  std::optional<Speed> pop_speed();
   /// s since the last read().
   double unread() const { return unread_; }
   bool was_restarted() const { return was_restarted_; }

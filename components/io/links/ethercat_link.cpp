@@ -392,7 +392,7 @@ void EtherCatLink::measure(Measured& measured) {
     const std::size_t j = joint_of_[i];
     measured.q[j] = q_scale_[j] * static_cast<double>(e.counts()) + q_offset_[j];
     measured.ddq[j] = 0;
-    const std::optional<EtherCatEncoder::Speed> speed = e.take_speed();
+    const std::optional<EtherCatEncoder::Speed> speed = e.pop_speed();
     if (e.unread() > patience() || (speed && speed->duration > patience())) {
       measured.dq[j] = 0;
     } else if (speed) {
@@ -431,7 +431,7 @@ void EtherCatLink::write_statistics() {
   clock_difference_ = 1e-9 * static_cast<double>(master_->clock_difference());
 }
 
-void EtherCatLink::tell(std::vector<std::string>& sentences) const {
+void EtherCatLink::append_notes(std::vector<std::string>& sentences) const {
   if (failed_) sentences.emplace_back(kNotOperational);
   if (!was_operational_) {
     std::string states;
@@ -447,7 +447,7 @@ void EtherCatLink::tell(std::vector<std::string>& sentences) const {
   if (any(&EtherCatEncoder::was_restarted)) sentences.emplace_back(kRestarted);
   if (any(&EtherCatEncoder::may_have_wrapped)) sentences.emplace_back(kWrapped);
   if (any(&EtherCatEncoder::was_implausible)) sentences.emplace_back(kImplausible);
-  drives_.tell(sentences);
+  drives_.append_notes(sentences);
   if (!stopped_) sentences.emplace_back(kNotStopped);
 }
 

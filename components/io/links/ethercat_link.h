@@ -39,7 +39,7 @@ class EtherCatLink final : public Link {
   bool restorable() const override { return false; }
   Needs needs() const override { return drives_.needs(); }
   TickSource* tick_source() override;
-  void tell(std::vector<std::string>& sentences) const override;
+  void append_notes(std::vector<std::string>& sentences) const override;
   void end() noexcept override;
 
  private:

@@ -14,7 +14,7 @@ constexpr double kLeastNorm = 1e-6;  // of a quaternion
 
 /// Writes values if all are usable.
 template <class From, class To>
-bool take_usable(const From& from, To& to) {
+bool copy_usable(const From& from, To& to) {
   if (!std::ranges::all_of(from, fri::is_usable)) return false;
   std::ranges::copy(from, to.begin());
   return true;
@@ -38,7 +38,7 @@ Pose approach(const Pose& from, const Pose& to, double distance, double angle) {
 }  // namespace
 
 /// Takes the inputs that are usable. Whether all are.
-bool FriLink::take_inputs(const Command& command) {
+bool FriLink::read_inputs(const Command& command) {
   bool all = true;
   if (mode_ == Mode::kCartesianImpedance) {
     const Eigen::Map<const Eigen::Vector4d> quat(quat_command_.data());
@@ -51,12 +51,12 @@ bool FriLink::take_inputs(const Command& command) {
     inputs_.has_place = inputs_.has_place || place;
     all = place;
   } else {
-    const bool place = take_usable(command.q, inputs_.q);
+    const bool place = copy_usable(command.q, inputs_.q);
     inputs_.has_place = inputs_.has_place || place;
     all = place;
   }
-  if (mode_ == Mode::kTorque || mode_ == Mode::kJointImpedance) all = take_usable(command.tau, inputs_.tau) && all;
-  if (mode_ == Mode::kWrench || mode_ == Mode::kCartesianImpedance) all = take_usable(F_command_, inputs_.F) && all;
+  if (mode_ == Mode::kTorque || mode_ == Mode::kJointImpedance) all = copy_usable(command.tau, inputs_.tau) && all;
+  if (mode_ == Mode::kWrench || mode_ == Mode::kCartesianImpedance) all = copy_usable(F_command_, inputs_.F) && all;
   return all;
 }
 
@@ -77,10 +77,10 @@ void FriLink::choose_command() {
     wanted_.fields =
         fri::Command::kPose | fri::Command::kWrench | fri::Command::kCartesianStiffness | fri::Command::kCartesianDamping;
   }
-  take_usable(stiffness_, wanted_.joint_stiffness);
-  take_usable(damping_, wanted_.joint_damping);
-  take_usable(cartesian_stiffness_, wanted_.cartesian_stiffness);
-  take_usable(cartesian_damping_, wanted_.cartesian_damping);
+  copy_usable(stiffness_, wanted_.joint_stiffness);
+  copy_usable(damping_, wanted_.joint_damping);
+  copy_usable(cartesian_stiffness_, wanted_.cartesian_stiffness);
+  copy_usable(cartesian_damping_, wanted_.cartesian_damping);
   follow(elapsed);
   // Outputs and variables of the robot's program stay what they are until somebody acknowledges.
   wanted_.ios.count = 0;

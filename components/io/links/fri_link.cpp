@@ -228,7 +228,7 @@ void FriLink::note_refused(const DatagramQueue::Datagram& datagram) {
 StepResult FriLink::step(Time now, Duration h, const Command& command, Measured& measured) {
   measured.fresh = false;
   acknowledgement_.decide(connected_ && robot_ready());
-  if (drives() && !take_inputs(command)) {
+  if (drives() && !read_inputs(command)) {
     refused_ = saturated(static_cast<std::uint64_t>(refused_) + 1);
     measured.warn(kRefused);
   }
@@ -383,7 +383,7 @@ void FriLink::end() noexcept {
   for (int times = 0; times < kLastTimes; ++times) datagrams_.send(answer_, client_->controller());
 }
 
-void FriLink::tell(std::vector<std::string>& sentences) const {
+void FriLink::append_notes(std::vector<std::string>& sentences) const {
   if (!was_connected_) {
     sentences.push_back("no message of a robot came to " + net::to_text(datagrams_.local()) + " (" + fri::to_text(protocol_) +
                         ")");

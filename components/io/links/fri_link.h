@@ -42,7 +42,7 @@ class FriLink final : public Link {
   bool restorable() const override { return false; }
   TickSource* tick_source() override { return &datagrams_; }
   Needs needs() const override;
-  void tell(std::vector<std::string>& sentences) const override;
+  void append_notes(std::vector<std::string>& sentences) const override;
   void end() noexcept override;
 
  private:
@@ -82,7 +82,7 @@ class FriLink final : public Link {
   void check_gains() const;
   void wait_for_robot(Time start, Measured& measured);
   void note_refused(const DatagramQueue::Datagram& datagram);
-  bool take_inputs(const Command& command);
+  bool read_inputs(const Command& command);
   std::uint32_t quantity() const;
   bool may_follow() const;
   std::optional<DatagramQueue::Stamp> stamp(std::span<const std::uint8_t> bytes);

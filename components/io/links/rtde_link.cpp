@@ -217,7 +217,7 @@ void RtdeLink::initialise(Time start, Measured& measured) {
   if (wait_ <= 0) return;
   waiting_ = true;
   const std::int64_t deadline = monotonic_now() + Duration::from_seconds(wait_).ns;
-  while (!take_all(start, measured)) {
+  while (!read_all(start, measured)) {
     if (line_.wait(deadline) || monotonic_now() < deadline) continue;
     std::string why = line_.reason();
     if (!line_.culprit().empty()) why += " " + std::string(line_.culprit());
@@ -231,7 +231,7 @@ void RtdeLink::initialise(Time start, Measured& measured) {
 StepResult RtdeLink::step(Time now, Duration h, const Command& command, Measured& measured) {
   measured.fresh = false;
   acknowledgement_.decide(connected_ && robot_ready());
-  if (take_all(now, measured)) {
+  if (read_all(now, measured)) {
     if (commands_) send(command, measured);
     line_.serve();
   }
@@ -244,7 +244,7 @@ StepResult RtdeLink::step(Time now, Duration h, const Command& command, Measured
 }
 
 /// Whether there are new data. Several packages are read in their order; the newest ones are measured last.
-bool RtdeLink::take_all(Time now, Measured& measured) {
+bool RtdeLink::read_all(Time now, Measured& measured) {
   // A bound, so that a robot that sends without end does not hold the scenario up.
   for (int pieces = 0; pieces < 64; ++pieces) {
     const bool more = line_.serve();
@@ -365,7 +365,7 @@ bool RtdeLink::robot_ready() const {
 
 /// Whether all values of double_command that are sent are finite; takes those that are. Until somebody acknowledges the last ones stay, or 0 where
 /// the connection is a new one.
-bool RtdeLink::take_registers() {
+bool RtdeLink::read_registers() {
   if (!registers_ || acknowledgement_.awaits()) return true;
   registers_int_sent_ = int_command_;
   bool all = true;
@@ -381,7 +381,7 @@ bool RtdeLink::take_registers() {
 
 void RtdeLink::send(const Command& command, Measured& measured) {
   rtde::Client& c = line_.client();
-  const bool usable = is_usable(command.q), all = take_registers() && usable;
+  const bool usable = is_usable(command.q), all = read_registers() && usable;
   if (!all) {
     count(refused_);
     measured.warn(kTargetsRefused);
@@ -459,7 +459,7 @@ void RtdeLink::write_outputs() {
   connections_ = saturated(line_.set_ups());
 }
 
-void RtdeLink::tell(std::vector<std::string>& sentences) const {
+void RtdeLink::append_notes(std::vector<std::string>& sentences) const {
   const std::string why = line_.reason() + (line_.culprit().empty() ? "" : " " + std::string(line_.culprit()));
   if (!was_connected_) {
     sentences.push_back("no data of a robot came from " + net::to_text(line_.controller()) + ": " + why);

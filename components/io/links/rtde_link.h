@@ -37,7 +37,7 @@ class RtdeLink final : public Link {
   bool restorable() const override { return false; }
   TickSource* tick_source() override { return &line_; }
   Needs needs() const override;
-  void tell(std::vector<std::string>& sentences) const override;
+  void append_notes(std::vector<std::string>& sentences) const override;
 
  private:
   static constexpr std::size_t kRegisters = 24;  // for clients of RTDE
@@ -45,11 +45,11 @@ class RtdeLink final : public Link {
   void choose_mode();
   double patience() const;
   rtde::ClientSettings client_settings() const;
-  bool take_all(Time now, Measured& measured);
+  bool read_all(Time now, Measured& measured);
   void measure(Measured& measured);
   void measure_forces(Measured& measured);
   void count_reflected();
-  bool take_registers();
+  bool read_registers();
   void send(const Command& command, Measured& measured);
   void follow();
   bool requests() const;

@@ -80,7 +80,7 @@ void Client::ask_recipe(bool inputs, std::int64_t now) {
 }
 
 /// A quantity that is not required and not there is left out of the recipe, which is then asked for again.
-void Client::take_types(bool inputs, std::span<const std::uint8_t> contents, std::int64_t now) {
+void Client::read_types(bool inputs, std::span<const std::uint8_t> contents, std::int64_t now) {
   std::uint8_t id = 0;
   if (inputs || protocol_ >= 2) {
     if (contents.empty()) return fail("the reply to a set-up is empty");
@@ -109,7 +109,7 @@ void Client::take_types(bool inputs, std::span<const std::uint8_t> contents, std
   ask(Package::kStart, State::kStart, now);
 }
 
-void Client::take_text(std::span<const std::uint8_t> contents) {
+void Client::read_text(std::span<const std::uint8_t> contents) {
   // Version 2: size, text, size, source, level; version 1: level, text.
   const std::size_t size = contents.empty() ? 0 : protocol_ >= 2 ? contents[0] : contents.size() - 1;
   if (contents.empty() || contents.size() < 1 + size) {
@@ -128,7 +128,7 @@ void Client::handle(const PackageReader::Raw& package, std::int64_t now) {
   const bool accepted = contents.size() == 1 && contents[0] != 0;
   switch (package.kind) {
     case Package::kText:
-      return take_text(contents);
+      return read_text(contents);
     case Package::kRequestProtocol:
       if (state_ != State::kProtocol) break;
       protocol_ = accepted ? 2 : 1;
@@ -139,10 +139,10 @@ void Client::handle(const PackageReader::Raw& package, std::int64_t now) {
       return ask_recipe(false, now);
     case Package::kSetupOutputs:
       if (state_ != State::kOutputs) break;
-      return take_types(false, contents, now);
+      return read_types(false, contents, now);
     case Package::kSetupInputs:
       if (state_ != State::kInputs) break;
-      return take_types(true, contents, now);
+      return read_types(true, contents, now);
     case Package::kStart:
       if (state_ != State::kStart) break;
       if (!accepted) return fail("the controller refuses to start");
@@ -157,7 +157,7 @@ void Client::handle(const PackageReader::Raw& package, std::int64_t now) {
   ++rejected_;
 }
 
-bool Client::take_data(const PackageReader::Raw& package) {
+bool Client::read_data(const PackageReader::Raw& package) {
   std::span<const std::uint8_t> contents = package.contents;
   if (protocol_ >= 2) {
     if (contents.empty() || contents[0] != output_id_) {
@@ -166,7 +166,7 @@ bool Client::take_data(const PackageReader::Raw& package) {
     }
     contents = contents.subspan(1);
   }
-  if (read_values(output_recipe_, contents, read_) == Fault::kNone && take_stamp()) {
+  if (read_values(output_recipe_, contents, read_) == Fault::kNone && read_stamp()) {
     std::ranges::copy(read_, values_.begin());
     return true;
   }
@@ -175,7 +175,7 @@ bool Client::take_data(const PackageReader::Raw& package) {
 }
 
 /// False if the time stamp jumps. One that goes on from there is accepted again: the controller's clock was set.
-bool Client::take_stamp() {
+bool Client::read_stamp() {
   const double stamp = read_[directory_.slot("timestamp")];
   const bool jumps = stamp_ && std::abs(stamp - *stamp_) > kLongestPause;
   stamp_ = stamp;
@@ -198,7 +198,7 @@ bool Client::read(std::int64_t now) {
     looked_ -= std::min(looked_, before - reader_.waiting());
     if (package->kind != Package::kData) {
       handle(*package, now);
-    } else if (state_ == State::kRunning && take_data(*package)) {
+    } else if (state_ == State::kRunning && read_data(*package)) {
       return true;
     }
   }

@@ -82,10 +82,10 @@ class Client {
   void handle(const PackageReader::Raw& package, std::int64_t now);
   void ask(Package kind, State state, std::int64_t now);
   void ask_recipe(bool inputs, std::int64_t now);
-  void take_types(bool inputs, std::span<const std::uint8_t> contents, std::int64_t now);
-  void take_text(std::span<const std::uint8_t> contents);
-  bool take_data(const PackageReader::Raw& package);
-  bool take_stamp();
+  void read_types(bool inputs, std::span<const std::uint8_t> contents, std::int64_t now);
+  void read_text(std::span<const std::uint8_t> contents);
+  bool read_data(const PackageReader::Raw& package);
+  bool read_stamp();
   void fail(const char* reason, const Field* culprit = nullptr);
 
   struct Row {

@@ -44,15 +44,6 @@ Json series_of(const robot::RobotModel& robot, const Torques& t, bool terms) {
 
 std::size_t read_samples(Reader& r) { return static_cast<std::size_t>(r.integer("samples", 2, 100000, 101)); }
 
-/// plan(), or an error where no duration is possible.
-Plan plan_of(const Robot& robot, const Move& m) {
-  Plan p = plan(robot.model, m);
-  if (m.T == 0 && !feasible(p))
-    throw RequestError("",
-                       "no duration of the move meets the bounds (" + p.solution.reason + "), expected T_s or other bounds");
-  return p;
-}
-
 Move at(const Move& m, double T) {
   Move timed = m;
   timed.T = T;
@@ -60,6 +51,14 @@ Move at(const Move& m, double T) {
 }
 
 }  // namespace
+
+Plan plan_of(const Robot& robot, const Move& m) {
+  Plan p = plan(robot.model, m);
+  if (m.T == 0 && !feasible(p))
+    throw RequestError("",
+                       "no duration of the move meets the bounds (" + p.solution.reason + "), expected T_s or other bounds");
+  return p;
+}
 
 Json answer_feasibility(const Robot& robot, Reader& r, const Context& context) {
   const Move m = read_move(robot, r, true);

@@ -6,6 +6,9 @@
 /// reader that describes takes a robot without joints.
 namespace cotwin::services {
 
+/// plan(), or a RequestError where no duration is possible.
+Plan plan_of(const Robot& robot, const Move& move);
+
 Json answer_feasibility(const Robot&, Reader&, const Context&);
 Json answer_cycle_time(const Robot&, Reader&, const Context&);
 Json answer_torques(const Robot&, Reader&, const Context&);

@@ -123,16 +123,7 @@ Problem read_problem(const Robot& robot, const Move& m, Reader& r, std::string& 
   p.ends = {m.from_q, zero, zero, m.to_q, zero, zero};
   p.degree = r.gives("degree") ? m.degree : 9;
   p.drives = m.drives;
-  p.bounds = optimisation::bounds_of(robot.model);
-  const auto take = [](std::vector<double>& bound, const std::vector<double>& own) {
-    if (!own.empty()) bound = own;
-  };
-  take(p.bounds.q_min, m.bounds.q_min);
-  take(p.bounds.q_max, m.bounds.q_max);
-  take(p.bounds.dq, m.bounds.dq);
-  take(p.bounds.ddq, m.bounds.ddq);
-  take(p.bounds.dddq, m.bounds.dddq);
-  take(p.bounds.tau, m.bounds.tau);
+  p.bounds = optimisation::bounds_of(robot.model, m.bounds);
   for (const char* other : {"T_s", "T_min"})
     if (r.gives(other))
       throw RequestError(r.pointer(other), "is no member of optimise, expected T_min_s, and T_max_s to search the duration");

@@ -61,10 +61,7 @@ Json answer_verify(const Robot& robot, Reader& r, const Context& context) {
   const Detail detail = read_detail(r);
   const VerificationOptions options = read_verification(robot, r);
   if (!r.finish(context)) return {};
-  const Plan p = plan(robot.model, m);
-  if (m.T == 0 && p.solution.status != optimisation::Status::kFeasible)
-    throw RequestError("",
-                       "no duration of the move meets the bounds (" + p.solution.reason + "), expected T_s or other bounds");
+  const Plan p = plan_of(robot, m);
   Json reply = verification_json(robot, m, p.solution.T, options, context, detail);
   add_notes(reply, p.notes);
   return reply;

@@ -18,7 +18,7 @@ using Json = nlohmann::ordered_json;
 /// The name as part of a JSON pointer (RFC 6901): '~' and '/' are escaped.
 std::string pointer_part(const std::string& name);
 
-/// An object whose members are read one by one; finish() refuses those that nobody read. All errors are RequestErrors.
+/// An object whose members are read one by one; finish() refuses the others. All errors are RequestErrors.
 ///
 /// A reader of a schema describes: each function declares its member there, with its type, range, default and description `what`,
 /// has() is true, and the default or nothing is returned. So one list of calls reads a request and gives its JSON Schema. Members

@@ -393,7 +393,7 @@ void FmuUnit::read_memory(ByteReader& in) {
   clocks_.read(in);
 }
 
-void FmuUnit::tell(std::vector<std::string>& notes) const {
+void FmuUnit::append_notes(std::vector<std::string>& notes) const {
   notes.insert(notes.end(), variables_.slope_notes().begin(), variables_.slope_notes().end());
   const auto add = [&](std::uint64_t n, const char* one, const char* many, const std::string& rest) {
     if (n > 0) notes.push_back(std::to_string(n) + " " + (n == 1 ? one : many) + rest);

@@ -69,7 +69,7 @@ class ForeignUnit : public Unit, public StagedInitialisation, public DeclaredDep
   void exit_initialisation() final;
   StepResult step(Time now, Duration h) override;
   bool restorable() const final { return can_restore(interface_, options_); }
-  bool goes_back() const final { return restorable() && options_.rollback; }
+  bool has_cheap_rollback() const final { return restorable() && options_.rollback; }
   void save_memory(std::string& bytes) final;
   void save_local_memory(std::string& bytes) final;
   void restore_memory(const std::string& bytes) final;
@@ -152,7 +152,7 @@ class FmuUnit final : public ForeignUnit {
  public:
   FmuUnit(std::shared_ptr<const ForeignFmu> fmu, UnitOptions options);
   StepResult step(Time now, Duration h) override;
-  void tell(std::vector<std::string>& notes) const override;
+  void append_notes(std::vector<std::string>& notes) const override;
 
  private:
   /// Statistics since the initialisation.

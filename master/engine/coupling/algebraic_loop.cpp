@@ -74,7 +74,7 @@ AlgebraicLoop::AlgebraicLoop(const System& system, std::vector<std::size_t> slot
   for (std::size_t i = 0; i < slots_.size(); ++i) all_.push_back(i);
   std::vector<std::size_t> unit_of(system_.schedule.slots.size(), slots_.size());
   for (const std::size_t i : all_) unit_of[slots_[i]] = i;
-  for (const Link& link : system_.links) {
+  for (const ResolvedConnection& link : system_.links) {
     const std::size_t from = unit_of[system_.schedule.slot_of[link.from.member]];
     const std::size_t to = unit_of[system_.schedule.slot_of[link.to.member]];
     if (from < slots_.size() && to < slots_.size()) add(link, from, to);
@@ -82,7 +82,7 @@ AlgebraicLoop::AlgebraicLoop(const System& system, std::vector<std::size_t> slot
   scratch_.resize(static_cast<Index>(unknowns_.size()));
 }
 
-void AlgebraicLoop::add(const Link& link, std::size_t from, std::size_t to) {
+void AlgebraicLoop::add(const ResolvedConnection& link, std::size_t from, std::size_t to) {
   if (link.from.variable->kind() != Kind::kReal) {
     has_other_kinds_ = true;
     return;

@@ -35,7 +35,7 @@ class AlgebraicLoop final : private CoupledOutputs {
   struct System {
     std::span<const Member> members;
     const Schedule& schedule;
-    const std::vector<Link>& links;
+    const std::vector<ResolvedConnection>& links;
     Wiring& wiring;
     std::function<void(std::size_t slot)> initialise;
   };
@@ -56,7 +56,7 @@ class AlgebraicLoop final : private CoupledOutputs {
   };
   class Deflated;
 
-  void add(const Link& link, std::size_t from, std::size_t to);
+  void add(const ResolvedConnection& link, std::size_t from, std::size_t to);
   bool evaluate(const Eigen::VectorXd& x, Eigen::VectorXd& y) override;
   bool linearise(const Eigen::VectorXd& x, Eigen::VectorXd& y, Eigen::MatrixXd& jacobian) override;
   bool probe(const Eigen::VectorXd& x, Eigen::Index j, double moved);

@@ -9,10 +9,10 @@ namespace cotwin::master {
 
 namespace {
 
-std::vector<Link> links_within(const std::vector<Link>& links, std::span<const std::size_t> group) {
+std::vector<ResolvedConnection> links_within(const std::vector<ResolvedConnection>& links, std::span<const std::size_t> group) {
   const auto in_group = [&](std::size_t member) { return std::ranges::find(group, member) != group.end(); };
-  std::vector<Link> within;
-  for (const Link& link : links) {
+  std::vector<ResolvedConnection> within;
+  for (const ResolvedConnection& link : links) {
     if (!link.initial && in_group(link.from.member) && in_group(link.to.member)) within.push_back(link);
   }
   return within;
@@ -20,15 +20,15 @@ std::vector<Link> links_within(const std::vector<Link>& links, std::span<const s
 
 }  // namespace
 
-ExplicitSteps::ExplicitSteps(const Scenario& scenario, std::span<const Member> members, const std::vector<Link>& links,
-                             std::span<const std::size_t> group)
+ExplicitSteps::ExplicitSteps(const Scenario& scenario, std::span<const Member> members,
+                             const std::vector<ResolvedConnection>& links, std::span<const std::size_t> group)
     : members_(members),
       schedule_(scenario, members, arrange_as_given(members)),
       wiring_(links_within(links, group), schedule_, arrange_as_given(members).group_of) {
-  for (Slot& slot : schedule_.slots) {
+  for (ScheduledUnit& slot : schedule_.slots) {
     if (std::ranges::find(group, slot.member) != group.end()) slots_.push_back(&slot);
   }
-  for (const Link& link : links_within(links, group)) {
+  for (const ResolvedConnection& link : links_within(links, group)) {
     if (!is_continuous(link)) continue;
     for (double& value : link.from.reals()) {
       if (std::ranges::find(values_, &value) != values_.end()) continue;
@@ -43,11 +43,12 @@ void ExplicitSteps::deviate() {
 }
 
 bool ExplicitSteps::step(Time begin, Duration h) {
-  const auto index = [&](const Slot* slot) { return static_cast<std::size_t>(slot - schedule_.slots.data()); };
-  for (Slot* slot : slots_) slot->time = begin;
+  const auto index = [&](const ScheduledUnit* slot) { return static_cast<std::size_t>(slot - schedule_.slots.data()); };
+  for (ScheduledUnit* slot : slots_) slot->time = begin;
   for (auto first = slots_.begin(); first != slots_.end();) {
     const int stage = members_[(*first)->member].spec.stage;
-    const auto last = std::find_if(first, slots_.end(), [&](const Slot* s) { return members_[s->member].spec.stage != stage; });
+    const auto last =
+        std::find_if(first, slots_.end(), [&](const ScheduledUnit* s) { return members_[s->member].spec.stage != stage; });
     for (auto slot = first; slot != last; ++slot) wiring_.exchange(index(*slot));
     for (auto slot = first; slot != last; ++slot) wiring_.begin_ramps(schedule_.slots, index(*slot), begin + h);
     for (auto slot = first; slot != last; ++slot) {

@@ -11,21 +11,21 @@ namespace cotwin::master {
 class ExplicitSteps final : public CoupledSteps {
  public:
   /// `group`: the members of the loop. `links`: all of the scenario; those from outside the loop are left out, their inputs keep their values.
-  ExplicitSteps(const Scenario& scenario, std::span<const Member> members, const std::vector<Link>& links,
+  ExplicitSteps(const Scenario& scenario, std::span<const Member> members, const std::vector<ResolvedConnection>& links,
                 std::span<const std::size_t> group);
 
   bool step(Time begin, Duration h) override;
   void deviate() override;
   std::span<double* const> values() const override { return values_; }
   double magnitude(std::size_t value) const override { return magnitudes_[value]; }
-  std::span<Slot* const> slots() const override { return slots_; }
+  std::span<ScheduledUnit* const> slots() const override { return slots_; }
   std::span<const Member> members() const override { return members_; }
 
  private:
   std::span<const Member> members_;
   Schedule schedule_;
   Wiring wiring_;
-  std::vector<Slot*> slots_;  // of the group, in the order of stepping
+  std::vector<ScheduledUnit*> slots_;  // of the group, in the order of stepping
   std::vector<double*> values_;
   std::vector<double> magnitudes_;
 };

@@ -43,16 +43,16 @@ Eigen::Index index(std::size_t i) { return static_cast<Eigen::Index>(i); }
 
 std::string place_of(const std::string& names, Time t) { return names + " at t = " + text::to_text(t.seconds()) + " s"; }
 
-std::vector<std::size_t> members_of(std::span<const Slot> slots) {
+std::vector<std::size_t> members_of(std::span<const ScheduledUnit> slots) {
   std::vector<std::size_t> members;
-  for (const Slot& slot : slots) members.push_back(slot.member);
+  for (const ScheduledUnit& slot : slots) members.push_back(slot.member);
   return members;
 }
 
 }  // namespace
 
-GroupSolver::GroupSolver(std::span<Slot> slots, std::span<const Member> members, const std::vector<Link>& links, Bonds& bonds,
-                         double tolerance)
+GroupSolver::GroupSolver(std::span<ScheduledUnit> slots, std::span<const Member> members,
+                         const std::vector<ResolvedConnection>& links, Bonds& bonds, double tolerance)
     : slots_(slots),
       members_(members),
       bonds_(bonds),
@@ -60,14 +60,14 @@ GroupSolver::GroupSolver(std::span<Slot> slots, std::span<const Member> members,
       newton_(index(count_unknowns(links, members_of(slots)))),
       guess_(newton_.jacobian().rows()) {
   const auto slot_of = [&](std::size_t member) {
-    const auto found = std::ranges::find_if(slots, [&](const Slot& slot) { return slot.member == member; });
+    const auto found = std::ranges::find_if(slots, [&](const ScheduledUnit& slot) { return slot.member == member; });
     return static_cast<std::size_t>(found - slots.begin());
   };
   const Eigen::Index n = newton_.jacobian().rows();
   x_ = first_x_ = probe_ = changed_ = y_ = Eigen::VectorXd::Zero(n);
   scale_ = Eigen::VectorXd::Zero(n);
   power_ = square_ = Eigen::MatrixXd::Zero(n, n);
-  for (const Link& link : links) {
+  for (const ResolvedConnection& link : links) {
     const std::size_t to = slot_of(link.to.member), from = slot_of(link.from.member);
     if (to == slots.size() || link.initial) continue;
     if (from != slots.size() && is_continuous(link)) add(link, from, to);
@@ -82,7 +82,7 @@ GroupSolver::GroupSolver(std::span<Slot> slots, std::span<const Member> members,
   limits_.stagnant = kSolverNoise;
 }
 
-void GroupSolver::add(const Link& link, std::size_t from, std::size_t to) {
+void GroupSolver::add(const ResolvedConnection& link, std::size_t from, std::size_t to) {
   const std::span<double> sources = link.from.reals(), targets = link.to.reals();
   const std::span<double> rate = link.to.variable->rate;
   for (std::size_t e = 0; e < sources.size(); ++e) {
@@ -121,7 +121,7 @@ void GroupSolver::prepare() {
 
 std::string GroupSolver::names() const {
   std::string names;
-  for (const Slot& slot : slots_) text::append(names, members_[slot.member].name());
+  for (const ScheduledUnit& slot : slots_) text::append(names, members_[slot.member].name());
   return names;
 }
 
@@ -346,7 +346,7 @@ void GroupSolver::accept(Time end) {
   for (std::size_t k = 0; k < unknowns_.size(); ++k) changed_[index(k)] = *unknowns_[k].value;
   guess_.add(first_x_, changed_, scale_, continues(begin_));
   for (std::size_t i = 0; i < slots_.size(); ++i) {
-    Slot& slot = slots_[i];
+    ScheduledUnit& slot = slots_[i];
     slot.last_step = h_;
     slot.time = end;
     if (units_[i].metered) bonds_.end(slot.member, h_);
@@ -356,7 +356,7 @@ void GroupSolver::accept(Time end) {
   scale_ = scale_.cwiseMax(x_.cwiseAbs());
 }
 
-const Slot* GroupSolver::step(Time begin, Time end, std::span<double> seconds) {
+const ScheduledUnit* GroupSolver::step(Time begin, Time end, std::span<double> seconds) {
   seconds_ = seconds;
   finished_ = nullptr;
   for (Outside& outside : outside_) outside.begin = *outside.to;
@@ -384,7 +384,7 @@ const Slot* GroupSolver::step(Time begin, Time end, std::span<double> seconds) {
   return nullptr;
 }
 
-const Slot* GroupSolver::fail(Newton::Outcome outcome, Time at) const {
+const ScheduledUnit* GroupSolver::fail(Newton::Outcome outcome, Time at) const {
   if (outcome == Newton::Outcome::kStopped) {
     if (error_.empty()) return discarded_;
     const std::string& name = members_[discarded_->member].name();

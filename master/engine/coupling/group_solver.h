@@ -29,8 +29,8 @@ class GroupSolver final : private CoupledOutputs {
 
   /// `slots`: of the group; they must stay where they are. `links`: all of the scenario. `tolerance`: of the outputs at the end
   /// of a step, relative.
-  GroupSolver(std::span<Slot> slots, std::span<const Member> members, const std::vector<Link>& links, Bonds& bonds,
-              double tolerance);
+  GroupSolver(std::span<ScheduledUnit> slots, std::span<const Member> members, const std::vector<ResolvedConnection>& links,
+              Bonds& bonds, double tolerance);
   GroupSolver(const GroupSolver&) = delete;
   GroupSolver& operator=(const GroupSolver&) = delete;
 
@@ -60,9 +60,9 @@ class GroupSolver final : private CoupledOutputs {
   /// Steps all units from `begin` to `end`. Inputs from outside have been set. Returns nullptr, or the slot that discarded the
   /// smallest part of the step. `seconds`: if not empty, the time of each slot's steps is added. Throws Error naming the members
   /// if the outputs do not converge even in the smallest part, and for an Error of a unit.
-  const Slot* step(Time begin, Time end, std::span<double> seconds);
+  const ScheduledUnit* step(Time begin, Time end, std::span<double> seconds);
   /// A slot that asked for the end of the run in the last step, or nullptr.
-  const Slot* finished() const { return finished_; }
+  const ScheduledUnit* finished() const { return finished_; }
 
   /// Largest magnitude of the eigenvalues of ∂y/∂x for a step of length `h` from the present state, which does not change; NaN
   /// if a unit discards such a step. From 1 on, explicit coupling diverges. Not between step() and step(): the Jacobian of the
@@ -123,7 +123,7 @@ class GroupSolver final : private CoupledOutputs {
   bool evaluate(const Eigen::VectorXd& x, Eigen::VectorXd& y) override;
   bool linearise(const Eigen::VectorXd& x, Eigen::VectorXd& y, Eigen::MatrixXd& jacobian) override;
   bool probe(const Eigen::VectorXd& x, const Eigen::VectorXd& y, Eigen::MatrixXd& jacobian);
-  void add(const Link& link, std::size_t from, std::size_t to);
+  void add(const ResolvedConnection& link, std::size_t from, std::size_t to);
   void find_outside();
   Newton::Outcome step_part(Time begin, Time end);
   void begin_part(Time begin, Time end);
@@ -140,9 +140,9 @@ class GroupSolver final : private CoupledOutputs {
   void look_for_maker(std::size_t i);
   void confirm_maker();
   std::string text_of_maker(Time at) const;
-  const Slot* fail(Newton::Outcome outcome, Time at) const;
+  const ScheduledUnit* fail(Newton::Outcome outcome, Time at) const;
 
-  std::span<Slot> slots_;
+  std::span<ScheduledUnit> slots_;
   std::span<const Member> members_;
   Bonds& bonds_;
   Newton::Limits limits_;
@@ -157,7 +157,7 @@ class GroupSolver final : private CoupledOutputs {
   Time begin_;
   Duration h_;
   std::span<double> seconds_;
-  const Slot *discarded_ = nullptr, *finished_ = nullptr;
+  const ScheduledUnit *discarded_ = nullptr, *finished_ = nullptr;
   std::string error_;  // of `discarded_`; empty if it only discarded
   struct Maker {
     std::size_t slot, unknown;

@@ -21,7 +21,7 @@ constexpr std::size_t kTrialValues = 16384;    // these steps times the unknowns
 class GroupSolver::Trial final : public CoupledSteps {
  public:
   explicit Trial(GroupSolver& solver) : solver_(solver) {
-    for (Slot& slot : solver.slots_) slots_.push_back(&slot);
+    for (ScheduledUnit& slot : solver.slots_) slots_.push_back(&slot);
     for (const Unknown& unknown : solver.unknowns_) values_.push_back(unknown.value);
   }
   /// Before the first step from the present state, and after the last one.
@@ -55,7 +55,7 @@ class GroupSolver::Trial final : public CoupledSteps {
   }
   std::span<double* const> values() const override { return values_; }
   double magnitude(std::size_t value) const override { return magnitudes_[value]; }
-  std::span<Slot* const> slots() const override { return slots_; }
+  std::span<ScheduledUnit* const> slots() const override { return slots_; }
   std::span<const Member> members() const override { return solver_.members_; }
   std::vector<double> numbers() const override {
     std::vector<double> numbers(solver_.state_size());
@@ -75,7 +75,7 @@ class GroupSolver::Trial final : public CoupledSteps {
 
   GroupSolver& solver_;
   LoopCounts counts_;
-  std::vector<Slot*> slots_;
+  std::vector<ScheduledUnit*> slots_;
   std::vector<double*> values_;
   std::vector<double> magnitudes_;
   std::vector<bool> metered_;

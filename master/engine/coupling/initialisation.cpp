@@ -20,7 +20,8 @@ using Graph = std::vector<std::vector<std::size_t>>;
 
 class Initialiser {
  public:
-  Initialiser(std::span<Member> members, const Schedule& schedule, const std::vector<Link>& links, Wiring& wiring, Time start)
+  Initialiser(std::span<Member> members, const Schedule& schedule, const std::vector<ResolvedConnection>& links, Wiring& wiring,
+              Time start)
       : members_(members),
         schedule_(schedule),
         links_(links),
@@ -29,7 +30,7 @@ class Initialiser {
         edges_(schedule.slots.size()),
         into_(schedule.slots.size()),
         stages_(schedule.slots.size()) {
-    for (const Link& link : links) {
+    for (const ResolvedConnection& link : links) {
       const std::size_t to = schedule.slot_of[link.to.member];
       edges_[schedule.slot_of[link.from.member]].push_back(to);
       into_[to].push_back(&link);
@@ -110,7 +111,7 @@ class Initialiser {
       return std::binary_search(slots.begin(), slots.end(), schedule_.slot_of[signal.member]);
     };
     std::vector<const Variable*> sources;
-    for (const Link& link : links_) {
+    for (const ResolvedConnection& link : links_) {
       if (within(link.from) && within(link.to)) sources.push_back(link.from.variable);
     }
     std::sort(sources.begin(), sources.end());
@@ -147,7 +148,7 @@ class Initialiser {
 
   /// Real inputs that units of the cycle feed get the start values of the scenario, so that these choose the solution.
   void set_given_inputs(std::size_t slot, const std::vector<std::size_t>& slots) const {
-    for (const Link* link : into_[slot]) {
+    for (const ResolvedConnection* link : into_[slot]) {
       const Member &source = members_[link->from.member], &target = members_[link->to.member];
       const bool given = !source.given.empty() || !target.given.empty();
       if (!given || link->from.variable->kind() != Kind::kReal || !is_from(*link, slots)) continue;
@@ -193,18 +194,19 @@ class Initialiser {
     result_.iterations += algebraic.solve(swept_);
   }
 
-  bool is_from(const Link& link, const std::vector<std::size_t>& slots) const {
+  bool is_from(const ResolvedConnection& link, const std::vector<std::size_t>& slots) const {
     return std::ranges::binary_search(slots, schedule_.slot_of[link.from.member]);
   }
 
   /// Whether the inputs that units of the cycle feed are the present outputs.
   bool inputs_agree(const std::vector<std::size_t>& slots) const {
     return std::ranges::all_of(slots, [&](std::size_t slot) {
-      return std::ranges::all_of(into_[slot], [&](const Link* link) { return !is_from(*link, slots) || agrees(*link); });
+      return std::ranges::all_of(into_[slot],
+                                 [&](const ResolvedConnection* link) { return !is_from(*link, slots) || agrees(*link); });
     });
   }
 
-  static bool agrees(const Link& link) {
+  static bool agrees(const ResolvedConnection& link) {
     return std::visit(
         [&link](auto from, auto to) {
           for (std::size_t e = 0; e < link.to.count; ++e) {
@@ -272,7 +274,7 @@ class Initialiser {
     const auto is_changing = [&](std::size_t slot) { return std::ranges::binary_search(changing, slot); };
     Graph among(edges_.size());
     for (const std::size_t to : changing) {
-      for (const Link* link : into_[to]) {
+      for (const ResolvedConnection* link : into_[to]) {
         const std::size_t from = schedule_.slot_of[link->from.member];
         if (is_changing(from) && has_changed(*link)) among[from].push_back(to);
       }
@@ -283,7 +285,7 @@ class Initialiser {
   }
 
   /// Whether the source may have changed in the last sweep.
-  bool has_changed(const Link& link) const {
+  bool has_changed(const ResolvedConnection& link) const {
     if (link.from.variable->kind() != Kind::kReal || !swept_.complete) return true;
     return std::ranges::any_of(link.from.reals(), [&](const double& value) {
       const auto& values = swept_.of.at(&value);
@@ -292,7 +294,7 @@ class Initialiser {
   }
 
   bool is_loop(const std::vector<std::size_t>& component) const {
-    return component.size() > 1 || std::ranges::any_of(into_[component.front()], [&](const Link* link) {
+    return component.size() > 1 || std::ranges::any_of(into_[component.front()], [&](const ResolvedConnection* link) {
              return is_from(*link, component) && has_changed(*link);
            });
   }
@@ -304,20 +306,20 @@ class Initialiser {
 
   std::span<Member> members_;
   const Schedule& schedule_;
-  const std::vector<Link>& links_;
+  const std::vector<ResolvedConnection>& links_;
   Wiring& wiring_;
   Time start_;
   Graph edges_;
-  std::vector<std::vector<const Link*>> into_;  // per slot
-  std::vector<StagedInitialisation*> stages_;   // per slot; nullptr: not in a staged initialisation
+  std::vector<std::vector<const ResolvedConnection*>> into_;  // per slot
+  std::vector<StagedInitialisation*> stages_;                 // per slot; nullptr: not in a staged initialisation
   SweptValues swept_;
   Initialisation result_{.rounds = 1, .loop = {}, .iterations = 0};
 };
 
 }  // namespace
 
-Initialisation initialise_units(std::span<Member> members, const Schedule& schedule, const std::vector<Link>& links,
-                                Wiring& wiring, Time start) {
+Initialisation initialise_units(std::span<Member> members, const Schedule& schedule,
+                                const std::vector<ResolvedConnection>& links, Wiring& wiring, Time start) {
   return Initialiser(members, schedule, links, wiring, start).run();
 }
 

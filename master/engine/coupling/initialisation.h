@@ -20,7 +20,7 @@ struct Initialisation {
 /// that still change after as many sweeps as the cycle has units form an algebraic loop, which AlgebraicLoop solves to 1e-12
 /// relative to 1 + |value|. Throws Error naming the members of a loop that has no solution, no unique one, or several and no
 /// start value, or the unit whose initialise throws. A cycle that settles in the sweeps is not searched for other solutions.
-Initialisation initialise_units(std::span<Member> members, const Schedule& schedule, const std::vector<Link>& links,
-                                Wiring& wiring, Time start);
+Initialisation initialise_units(std::span<Member> members, const Schedule& schedule,
+                                const std::vector<ResolvedConnection>& links, Wiring& wiring, Time start);
 
 }  // namespace cotwin::master

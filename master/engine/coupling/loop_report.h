@@ -29,7 +29,7 @@ struct LoopReport {
   double gain_time = 0;                                    // s, when it was measured
   bool grows = false;                                      // a small deviation grows if its units step explicitly
   double solved_from = std::numeric_limits<double>::quiet_NaN();  // s, since when it is solved, if not from the start
-  bool unmeasurable = false;                                      // a member has no cheap way back (Unit::goes_back)
+  bool unmeasurable = false;                                      // a member has no cheap way back (Unit::has_cheap_rollback)
   std::size_t unknowns = 0;                                       // elements of its outputs
   /// s, the step from which on explicit steps let a small deviation grow; 0: also with 1/1024 tick; infinity: not up to `examined`;
   /// NaN: not measured. See Engine::measure_loops.

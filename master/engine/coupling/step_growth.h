@@ -30,7 +30,7 @@ class CoupledSteps {
   /// The outputs that are exchanged, and their magnitudes (> 0).
   virtual std::span<double* const> values() const = 0;
   virtual double magnitude(std::size_t value) const = 0;
-  virtual std::span<Slot* const> slots() const = 0;
+  virtual std::span<ScheduledUnit* const> slots() const = 0;
   virtual std::span<const Member> members() const = 0;
   /// On what the next step depends beside the units and their slots.
   virtual std::vector<double> numbers() const { return {}; }

@@ -16,9 +16,9 @@ namespace {
 using Graph = std::vector<std::vector<std::size_t>>;
 
 template <class Keep>
-Graph graph_of(const std::vector<Link>& links, std::size_t nodes, Keep keep) {
+Graph graph_of(const std::vector<ResolvedConnection>& links, std::size_t nodes, Keep keep) {
   Graph edges(nodes);
-  for (const Link& link : links) {
+  for (const ResolvedConnection& link : links) {
     if (keep(link)) edges[link.from.member].push_back(link.to.member);
   }
   for (std::vector<std::size_t>& targets : edges) {
@@ -30,8 +30,9 @@ Graph graph_of(const std::vector<Link>& links, std::size_t nodes, Keep keep) {
 
 /// The strong components of the continuous connections between members that `takes_part`.
 template <class TakesPart>
-std::vector<std::vector<std::size_t>> loops_of(const std::vector<Link>& links, std::size_t members, TakesPart takes_part) {
-  const Graph edges = graph_of(links, members, [&](const Link& link) {
+std::vector<std::vector<std::size_t>> loops_of(const std::vector<ResolvedConnection>& links, std::size_t members,
+                                               TakesPart takes_part) {
+  const Graph edges = graph_of(links, members, [&](const ResolvedConnection& link) {
     return is_continuous(link) && takes_part(link.from.member) && takes_part(link.to.member);
   });
   std::vector<std::vector<std::size_t>> loops;
@@ -44,17 +45,19 @@ std::vector<std::vector<std::size_t>> loops_of(const std::vector<Link>& links, s
 
 }  // namespace
 
-bool is_continuous(const Link& link) {
+bool is_continuous(const ResolvedConnection& link) {
   return !link.initial && link.to.variable->role == Role::kInput && link.from.variable->kind() == Kind::kReal &&
          link.to.variable->kind() == Kind::kReal && !link.from.variable->discrete;
 }
 
-std::vector<std::vector<std::size_t>> coupled_groups(const std::vector<Link>& links, std::span<const Member> members) {
+std::vector<std::vector<std::size_t>> coupled_groups(const std::vector<ResolvedConnection>& links,
+                                                     std::span<const Member> members) {
   return loops_of(links, members.size(),
                   [&](std::size_t m) { return members[m].spec.period == 1 && members[m].instance.unit->restorable(); });
 }
 
-std::vector<std::vector<std::size_t>> unsolvable_groups(const std::vector<Link>& links, std::span<const Member> members) {
+std::vector<std::vector<std::size_t>> unsolvable_groups(const std::vector<ResolvedConnection>& links,
+                                                        std::span<const Member> members) {
   std::vector<std::vector<std::size_t>> groups =
       loops_of(links, members.size(), [&](std::size_t m) { return members[m].spec.period == 1; });
   std::erase_if(groups, [&](const std::vector<std::size_t>& group) {
@@ -63,26 +66,26 @@ std::vector<std::vector<std::size_t>> unsolvable_groups(const std::vector<Link>&
   return groups;
 }
 
-std::size_t count_unknowns(const std::vector<Link>& links, std::span<const std::size_t> group) {
+std::size_t count_unknowns(const std::vector<ResolvedConnection>& links, std::span<const std::size_t> group) {
   const auto in_group = [&](std::size_t member) { return std::ranges::find(group, member) != group.end(); };
   std::set<const double*> seen;
-  for (const Link& link : links) {
+  for (const ResolvedConnection& link : links) {
     if (!is_continuous(link) || !in_group(link.from.member) || !in_group(link.to.member)) continue;
     for (const double& value : link.from.reals()) seen.insert(&value);
   }
   return seen.size();
 }
 
-bool is_declared_algebraic(const std::vector<Link>& links, std::span<const Member> members,
+bool is_declared_algebraic(const std::vector<ResolvedConnection>& links, std::span<const Member> members,
                            std::span<const std::size_t> group) {
   /// Nodes of the graph: the connections between single elements.
   struct Wire {
-    const Link* link;
+    const ResolvedConnection* link;
     std::size_t element;
   };
   const auto in_group = [&](std::size_t member) { return std::ranges::find(group, member) != group.end(); };
   std::vector<Wire> wires;
-  for (const Link& link : links) {
+  for (const ResolvedConnection& link : links) {
     if (!is_continuous(link) || !in_group(link.from.member) || !in_group(link.to.member)) continue;
     for (std::size_t e = 0; e < link.to.count; ++e) wires.push_back({&link, e});
   }
@@ -112,7 +115,7 @@ Arrangement arrange_as_given(std::span<const Member> members) {
   return result;
 }
 
-Arrangement arrange_by_flow(const std::vector<Link>& links, std::span<const Member> members,
+Arrangement arrange_by_flow(const std::vector<ResolvedConnection>& links, std::span<const Member> members,
                             std::span<const std::vector<std::size_t>> solved, bool once_first) {
   Arrangement result = arrange_as_given(members);
   for (std::size_t g = 0; g < solved.size(); ++g) {
@@ -123,7 +126,7 @@ Arrangement arrange_by_flow(const std::vector<Link>& links, std::span<const Memb
       result.stage[m] = first;
     }
   }
-  const Graph edges = graph_of(links, members.size(), [](const Link& link) { return !link.initial; });
+  const Graph edges = graph_of(links, members.size(), [](const ResolvedConnection& link) { return !link.initial; });
   std::map<std::pair<std::size_t, int>, int> number;  // place in the flow and stage → new stage, in this order
   std::vector<std::size_t> place(members.size());
   std::size_t next = 1;  // 0: members that step before all others

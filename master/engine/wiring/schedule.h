@@ -22,7 +22,7 @@ struct Tick {
 };
 
 /// One unit. Slots are in the order of stepping: by stage and group, then as in the scenario.
-struct Slot {
+struct ScheduledUnit {
   Unit* unit = nullptr;
   std::size_t member = 0;
   std::int64_t period = 1;
@@ -63,14 +63,14 @@ class Schedule {
   Tick tick(std::int64_t n) const { return {n, time(n), time(n + 1)}; }
   Time stop() const { return stop_; }
   std::int64_t ticks() const { return ticks_; }
-  bool due(const Slot& slot, const Tick& tick) const {
+  bool due(const ScheduledUnit& slot, const Tick& tick) const {
     const std::int64_t after = tick.index + 1, before = tick.index - tick.skipped;
     return slot.period == 1 || after / slot.period > before / slot.period || after == ticks_;
   }
   /// The tick `n` in which `more` ticks after it are left out. At most those before the last one and before `event` are.
   Tick long_tick(std::int64_t n, std::int64_t more, Time event) const;
 
-  std::vector<Slot> slots;
+  std::vector<ScheduledUnit> slots;
   std::vector<Stage> stages;
   std::vector<std::size_t> slot_of;  // member → slot
 

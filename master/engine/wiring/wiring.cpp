@@ -24,7 +24,7 @@ class Resolver {
     derivatives_.resize(members.size());
   }
 
-  Link resolve(const ConnectionSpec& connection);
+  ResolvedConnection resolve(const ConnectionSpec& connection);
 
  private:
   si::Measure measure(const std::string& name) const {
@@ -63,13 +63,13 @@ class Resolver {
 
 std::string measure_at(const Port& port, const Variable& variable) { return port.unit.empty() ? variable.si : port.unit; }
 
-Link Resolver::resolve(const ConnectionSpec& connection) {
+ResolvedConnection Resolver::resolve(const ConnectionSpec& connection) {
   const std::string from_name = connection.from.component + "." + connection.from.variable;
   const std::string to_name = connection.to.component + "." + connection.to.variable;
   const std::string what = from_name + " -> " + to_name;
   const std::string& place = connection.place;
 
-  Link link{signals_.find(from_name, place), signals_.find(to_name, place), 1, 0, false, {}};
+  ResolvedConnection link{signals_.find(from_name, place), signals_.find(to_name, place), 1, 0, false, {}};
   const Variable &from = *link.from.variable, &to = *link.to.variable;
   const bool plain = connection.factor == 1 && connection.offset == 0;
   if (plain && from.role == Role::kInput && to.role == Role::kOutput) {
@@ -122,15 +122,16 @@ bool same_bits(double a, double b) { return std::bit_cast<std::uint64_t>(a) == s
 
 }  // namespace
 
-std::vector<Link> resolve_links(const Scenario& scenario, std::span<const Member> members, const ReportLinkError& report) {
+std::vector<ResolvedConnection> resolve_connections(const Scenario& scenario, std::span<const Member> members,
+                                                    const ReportConnectionError& report) {
   Resolver resolver(scenario, members);
-  std::vector<Link> links;
+  std::vector<ResolvedConnection> links;
   links.reserve(scenario.connections.size());
   std::vector<const ConnectionSpec*> specs;                            // of the links
   std::map<std::pair<const Variable*, std::size_t>, std::size_t> fed;  // element → index of the link that feeds it
   for (const ConnectionSpec& connection : scenario.connections) {
     try {
-      Link link = resolver.resolve(connection);
+      ResolvedConnection link = resolver.resolve(connection);
       const Signal& to = link.to;
       for (std::size_t e = to.first; e < to.first + to.count; ++e) {
         const auto [earlier, is_first] = fed.emplace(std::pair{to.variable, e}, links.size());
@@ -150,15 +151,15 @@ std::vector<Link> resolve_links(const Scenario& scenario, std::span<const Member
   return links;
 }
 
-Wiring::Wiring(const std::vector<Link>& links, const Schedule& schedule, std::span<const std::size_t> group_of) {
+Wiring::Wiring(const std::vector<ResolvedConnection>& links, const Schedule& schedule, std::span<const std::size_t> group_of) {
   const std::size_t slots = schedule.slots.size();
   std::vector<int> stage_of(slots);
   for (std::size_t s = 0; s < schedule.stages.size(); ++s) {
     for (std::size_t i = schedule.stages[s].first; i < schedule.stages[s].last; ++i) stage_of[i] = schedule.stages[s].exchange;
   }
-  std::vector<std::vector<const Link*>> into(slots);
+  std::vector<std::vector<const ResolvedConnection*>> into(slots);
   std::size_t ramped_elements = 0;
-  for (const Link& link : links) {
+  for (const ResolvedConnection& link : links) {
     const std::size_t group = group_of[link.to.member];
     const bool solved = group != kNoGroup && group == group_of[link.from.member] && is_continuous(link);
     if (solved) continue;
@@ -170,7 +171,7 @@ Wiring::Wiring(const std::vector<Link>& links, const Schedule& schedule, std::sp
     begin_.push_back(copies_.size());
     initial_begin_.push_back(initial_copies_.size());
     ramp_begin_.push_back(ramps_.size());
-    for (const Link* link : into[slot]) {
+    for (const ResolvedConnection* link : into[slot]) {
       const std::size_t source = schedule.slot_of[link->from.member];
       const bool earlier_stage = stage_of[source] < stage_of[slot];
       const bool slower_source = schedule.slots[source].period > schedule.slots[slot].period;
@@ -182,7 +183,7 @@ Wiring::Wiring(const std::vector<Link>& links, const Schedule& schedule, std::sp
   ramp_begin_.push_back(ramps_.size());
 }
 
-void Wiring::add(const Link& link, std::size_t source, bool earlier_stage, bool slower_source) {
+void Wiring::add(const ResolvedConnection& link, std::size_t source, bool earlier_stage, bool slower_source) {
   const Variable& to = *link.to.variable;
   if (link.initial) {
     initial_copies_.push_back(make_copy(link));
@@ -201,7 +202,7 @@ void Wiring::add(const Link& link, std::size_t source, bool earlier_stage, bool 
   }
 }
 
-Wiring::Copy Wiring::make_copy(const Link& link) {
+Wiring::Copy Wiring::make_copy(const ResolvedConnection& link) {
   const Variable &from = *link.from.variable, &to = *link.to.variable;
   const auto source = [&](auto span) { return static_cast<const void*>(span.data() + link.from.first); };
   const auto target = [&](auto span) { return static_cast<void*>(span.data() + link.to.first); };
@@ -276,7 +277,7 @@ bool Wiring::differs(const Copy& copy) {
   return false;
 }
 
-void Wiring::begin_ramps(std::span<const Slot> slots, std::size_t slot, Time end) {
+void Wiring::begin_ramps(std::span<const ScheduledUnit> slots, std::size_t slot, Time end) {
   const Time begin = slots[slot].time;
   const double h = (end - begin).seconds(), last = slots[slot].last_step.seconds();
   for (std::size_t k = ramp_begin_[slot]; k < ramp_begin_[slot + 1]; ++k) {

@@ -14,7 +14,7 @@ namespace cotwin::master {
 
 /// A connection between two variables. Factor and offset include the conversion of units of measure and the connection's own
 /// linear transformation.
-struct Link {
+struct ResolvedConnection {
   Signal from, to;
   double factor = 1, offset = 0;
   /// The target is a parameter, which is set during initialisation only (SSP: calculatedParameter → parameter). Example: a
@@ -27,9 +27,9 @@ struct Link {
 /// Resolves the connections. Throws Error `a.x -> b.u: …` for roles other than output → input, tunable or parameter, for kinds,
 /// sizes and measures that do not fit, and for an input that is fed twice. With `report`, calls it with each such error instead
 /// and leaves the connection out.
-using ReportLinkError = std::function<void(const Error&)>;
-std::vector<Link> resolve_links(const Scenario& scenario, std::span<const Member> members,
-                                const ReportLinkError& report = nullptr);
+using ReportConnectionError = std::function<void(const Error&)>;
+std::vector<ResolvedConnection> resolve_connections(const Scenario& scenario, std::span<const Member> members,
+                                                    const ReportConnectionError& report = nullptr);
 
 class Wiring {
  public:
@@ -43,7 +43,7 @@ class Wiring {
   };
 
   /// `group_of`: member → its solved group, or kNoGroup (arrangement.h); continuous connections within a group are left out.
-  Wiring(const std::vector<Link>& links, const Schedule& schedule, std::span<const std::size_t> group_of);
+  Wiring(const std::vector<ResolvedConnection>& links, const Schedule& schedule, std::span<const std::size_t> group_of);
 
   /// Copies into the inputs of the slots [first, last).
   std::span<const Copy> copies(std::size_t first, std::size_t last) const {
@@ -65,7 +65,7 @@ class Wiring {
   /// last value known with the derivative of the source where one is declared, else with the slope of the last step. It is held
   /// if its source is discrete or steps less often. `end`: of the next step of the slot, which has made none since slot.time.
   bool ramped(std::size_t slot) const { return ramp_begin_[slot] != ramp_begin_[slot + 1]; }
-  void begin_ramps(std::span<const Slot> slots, std::size_t slot, Time end);
+  void begin_ramps(std::span<const ScheduledUnit> slots, std::size_t slot, Time end);
   /// Sets the inputs to their values at the end of the step.
   void end_ramps(std::size_t slot);
 
@@ -90,8 +90,8 @@ class Wiring {
   static void run_other(const Copy& copy);
   static bool differs(const Copy& copy);
   static bool update(const Copy& copy);
-  static Copy make_copy(const Link& link);
-  void add(const Link& link, std::size_t source, bool earlier_stage, bool slower_source);
+  static Copy make_copy(const ResolvedConnection& link);
+  void add(const ResolvedConnection& link, std::size_t source, bool earlier_stage, bool slower_source);
 
   std::vector<Copy> copies_;          // by slot
   std::vector<std::size_t> begin_;    // slot → its first copy; one more at the end

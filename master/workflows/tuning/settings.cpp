@@ -123,7 +123,7 @@ Method method_of(const std::string& text) {
 robot::RobotModel load_robot(const Settings& settings, std::vector<std::string>* warnings) {
   robot::UrdfOptions options;
   options.unphysical = robot::Unphysical::kWarn;
-  take_joint_settings(settings.robot.string(), "", settings.lock, settings.passive, options);
+  read_joint_settings(settings.robot.string(), "", settings.lock, settings.passive, options);
   return robot::load_urdf(settings.robot, options, warnings);
 }
 

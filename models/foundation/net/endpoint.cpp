@@ -9,7 +9,7 @@ namespace cotwin::net {
 namespace {
 
 /// A decimal number up to `most` at the beginning of `text`, which is removed. False if there is none.
-bool take_number(std::string_view& text, std::uint32_t most, std::uint32_t& number) {
+bool read_number(std::string_view& text, std::uint32_t most, std::uint32_t& number) {
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
   if (error != std::errc{} || number > most) return false;
   text.remove_prefix(static_cast<std::size_t>(end - text.data()));
@@ -25,11 +25,11 @@ bool take(std::string_view& text, char c) {
 bool parse(std::string_view text, Endpoint& endpoint) {
   std::uint32_t number = 0;
   for (int i = 0; i < 4; ++i) {
-    if ((i > 0 && !take(text, '.')) || !take_number(text, 255, number)) return false;
+    if ((i > 0 && !take(text, '.')) || !read_number(text, 255, number)) return false;
     endpoint.address = endpoint.address << 8 | number;
   }
   if (text.empty()) return true;
-  if (!take(text, ':') || !take_number(text, 65535, number) || !text.empty()) return false;
+  if (!take(text, ':') || !read_number(text, 65535, number) || !text.empty()) return false;
   endpoint.port = static_cast<std::uint16_t>(number);
   return true;
 }

@@ -100,6 +100,9 @@ std::string closest(std::string_view wanted, const std::vector<std::string>& can
   std::size_t least = wanted.size() / 3 + 1;  // a larger distance is not a typing error
   constexpr std::size_t kLongest = 200;       // the search costs the product of the lengths
   if (wanted.size() > kLongest) return best;
+  const std::string first_part = std::string(wanted) + "_";
+  const auto whole = std::ranges::find_if(candidates, [&](const std::string& c) { return c.starts_with(first_part); });
+  if (whole != candidates.end()) return *whole;
   for (const std::string& candidate : candidates) {
     const std::size_t longer = std::max(candidate.size(), wanted.size()), shorter = std::min(candidate.size(), wanted.size());
     if (longer - shorter > least) continue;  // lower bound of the distance
@@ -108,10 +111,6 @@ std::string closest(std::string_view wanted, const std::vector<std::string>& can
       least = distance;
       best = candidate;
     }
-  }
-  if (best.empty() && wanted.size() > 2) {
-    const auto longer = std::ranges::find_if(candidates, [&](const std::string& c) { return c.starts_with(wanted); });
-    if (longer != candidates.end()) best = *longer;
   }
   return best;
 }

@@ -31,7 +31,8 @@ std::string joined(std::span<const double> numbers);
 /// Valid name of a variable: replaces every character other than a letter, digit, dot or underscore by an underscore.
 std::string identifier(const std::string& name);
 
-/// The `candidates` closest to `wanted` by edit distance, for "did you mean …"; empty if none is close.
+/// The candidate for "did you mean …": one that begins with `wanted` and an underscore ("link": "link_side"), else the closest by
+/// edit distance; empty if none is close.
 std::string closest(std::string_view wanted, const std::vector<std::string>& candidates);
 
 }  // namespace cotwin::text

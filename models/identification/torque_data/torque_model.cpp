@@ -74,7 +74,7 @@ std::vector<double> torques(const robot::RobotModel& robot, const Estimate& esti
     model.bodies[static_cast<std::size_t>(i)].inertia = Inertia::from_parameters(estimate.pi.segment<10>(10 * i));
   const robot::Mechanism mechanism(model);
   robot::Data scratch(mechanism);
-  // by joint, as the batch kernel wants them
+  // by joint, the layout of the batch kernel
   std::vector<double> by_joint[3], result(n * count), tau(n * count);
   const std::vector<double>* const from[3] = {&samples.q, &samples.dq, &samples.ddq};
   for (int k = 0; k < 3; ++k) {

@@ -68,7 +68,7 @@ Remainder without(const RobotModel& robot, const Change& mounting) {
     body = inertia;
     mounted.clear();
   };
-  const auto take_off = [&](const Change& part) {
+  const auto remove_tool = [&](const Change& part) {
     const auto found =
         std::find_if(mounted.begin(), mounted.end(), [&](const Change* m) { return m->frame.name == part.frame.name; });
     if (found == mounted.end() && part.part.mass != 0) {
@@ -85,7 +85,7 @@ Remainder without(const RobotModel& robot, const Change& mounting) {
         mounted.push_back(&change);
         break;
       case Change::Kind::kDetach:
-        take_off(change);
+        remove_tool(change);
         break;
       case Change::Kind::kSetInertia:
         set(change.after);
@@ -95,7 +95,7 @@ Remainder without(const RobotModel& robot, const Change& mounting) {
   }
   const Inertia& now = mounting.body < 0 ? robot.base.inertia : robot.bodies[static_cast<std::size_t>(mounting.body)].inertia;
   if (!(now == body)) set(now);
-  take_off(mounting);
+  remove_tool(mounting);
   for (const Change* part : mounted) sum.inertia = sum.inertia + part->part;
   return sum;
 }

@@ -77,9 +77,8 @@ struct Kernels {
   void (*coriolis_matrix)(const KernelModel&, double* scratch, const double* q, const double* dq, double* C, ptrdiff_t ld);
   void (*forward_dynamics)(const KernelModel&, double* scratch, const double* q, const double* dq, const double* tau,
                            double* ddq);
-  void (*derivatives)(const KernelModel&, double* scratch, const double* q, const double* dq, const double* ddq, double* tau,
-                      double* dtau_dq, ptrdiff_t ld_q, double* dtau_ddq, ptrdiff_t ld_dq, double* M,
-                      ptrdiff_t ld_M);  // tau, M: may be null
+  void (*derivatives)(const KernelModel&, double* scratch, const double* q, const double* dq, const double* ddq,
+                      double* dtau_dq, ptrdiff_t ld_q, double* dtau_ddq, ptrdiff_t ld_dq);
   void (*regressor)(const KernelModel&, double* scratch, const double* q, const double* dq, const double* ddq, double* Y,
                     ptrdiff_t ld);
   void (*kinematics)(const KernelModel&, double* scratch, const double* q, int body, const KernelPose& X_JF, KernelPose* X_BF,
@@ -87,8 +86,6 @@ struct Kernels {
                      ptrdiff_t ld);  // J: may be null
   void (*jacobian_dot_times_dq)(const KernelModel&, double* scratch, const double* q, const double* dq, int body,
                                 const KernelPose& X_JF, double* a);
-  void (*operational_inertia_inverse)(const KernelModel&, double* scratch, const double* q, int body, const KernelPose& X_JF,
-                                      double* Lambda_inverse, ptrdiff_t ld);
   double (*potential_energy)(const KernelModel&, double* scratch, const double* q);
 };
 

@@ -78,7 +78,7 @@ class Builder {
   void choose_links();
   void visit(const urdf::Link& link, const Place& place);
   Place move(const urdf::Joint& joint, const Place& parent);
-  void take_limits(Joint& to, const urdf::Joint& joint, const std::string& place) const;
+  void read_limits(Joint& to, const urdf::Joint& joint, const std::string& place) const;
   /// The position of a joint that does not move; nullopt for one that does.
   std::optional<double> position_of(const UrdfDocument::Joint& joint) const;
   void check_passive() const;
@@ -148,7 +148,7 @@ std::optional<double> Builder::position_of(const UrdfDocument::Joint& joint) con
   return std::nullopt;
 }
 
-void Builder::take_limits(Joint& to, const urdf::Joint& joint, const std::string& place) const {
+void Builder::read_limits(Joint& to, const urdf::Joint& joint, const std::string& place) const {
   if (joint.limits == nullptr) return;
   const urdf::JointLimits& limits = *joint.limits;
   if (joint.type != urdf::Joint::CONTINUOUS && limits.lower == 0 && limits.upper == 0 && limits.effort == 0 &&
@@ -198,7 +198,7 @@ Builder::Place Builder::move(const urdf::Joint& joint, const Place& parent) {
   moved.passive = written.passive || options_.passive.count(joint.name) != 0;
   const double length = Vector3d(joint.axis.x, joint.axis.y, joint.axis.z).stableNorm();
   if (std::abs(length - 1) > 1e-3) warn(place + ": axis of length " + text::to_text(length, 6) + " is normalised");
-  take_limits(moved, joint, place);
+  read_limits(moved, joint, place);
   if (joint.dynamics != nullptr) {
     moved.damping = joint.dynamics->damping;
     moved.friction = joint.dynamics->friction;

@@ -230,7 +230,7 @@ void Reader::read_link(XMLElement& element) {
   owner_.clear();
   const std::string name = name_in(element, "name");
   owner_ = "link '" + name + "'";
-  UrdfDocument::Link link;
+  UrdfDocument::UrdfLink link;
   link.order = document_.links_in_order.size();
   link.line = element.GetLineNum();
   if (const auto other = document_.links.find(name); other != document_.links.end()) {

@@ -14,7 +14,7 @@ namespace cotwin::robot {
 /// The text of a URDF, checked before urdfdom reads it: urdfdom reports no lines and accepts duplicate elements, second parents
 /// and separate cycles. `cleaned` does not contain what is not needed (shapes, materials, transmissions, extensions).
 struct UrdfDocument {
-  struct Link {
+  struct UrdfLink {
     std::size_t order = 0;  // in the file
     int line = 0;
     int inertial_line = 0;  // 0: no <inertial>
@@ -40,7 +40,7 @@ struct UrdfDocument {
   std::string place;    // of the file, for messages
   std::string cleaned;  // for urdfdom: links with <inertial>, joints; numbers in one notation, ±inf as ±kNoLimit
   std::vector<std::string> links_in_order;  // as in the file
-  std::map<std::string, Link> links;
+  std::map<std::string, UrdfLink> links;
   std::map<std::string, Joint> joints;
   std::optional<Eigen::Vector3d> gravity;  // <gravity xyz="…"/> in <robot>: an extension, see to_urdf
   bool is_si = false;                      // <si/> in <robot>, an extension: units.h does not look for other units of measure

@@ -68,9 +68,4 @@ void ZeroPhaseLowPass::apply(std::span<double> x) const {
   std::copy_n(padded.rbegin() + static_cast<std::ptrdiff_t>(pad), x.size(), x.begin());
 }
 
-double ZeroPhaseLowPass::gain(double frequency) const {
-  const double r = std::tan(pi * frequency / rate_) / std::tan(pi * cutoff_ / rate_);
-  return 1 / (1 + (sqrt2 - 1) * std::pow(r, 2 * order_));
-}
-
 }  // namespace cotwin::trajectory

@@ -18,8 +18,6 @@ class ZeroPhaseLowPass {
 
   /// Filters samples of one signal in place.
   void apply(std::span<double> x) const;
-  /// G(f)
-  double gain(double frequency) const;
   /// Samples after which the impulse response of a pass is below 1e-8: overlap required on both sides of a part of a recording.
   std::size_t memory() const { return memory_; }
 

@@ -55,7 +55,7 @@ TEST(Feed, GivesTheOldestRecordThatIsStillThereAndCountsTheOthers) {
       }
       const std::uint64_t oldest = published < feed.capacity() ? 1 : published - feed.capacity() + 1;
       const std::uint64_t expected = action == 7 ? std::max(published, next) : std::max(oldest, next);
-      ASSERT_EQ(action == 7 ? reader.take_newest(r) : reader.take(r), expected <= published);
+      ASSERT_EQ(action == 7 ? reader.pop_newest(r) : reader.take(r), expected <= published);
       if (expected > published) continue;
       lost += expected - next;
       next = expected + 1;
@@ -118,7 +118,7 @@ TEST(FeedThread, RecordsAreWholeAndEachIsTakenOrCounted) {
       std::uint64_t taken = 0, last = 0;
       while (last < kCount) {
         ASSERT_TRUE(reader.wait(monotonic_ns() + kLong));
-        while (r == 2 ? reader.take_newest(record) : reader.take(record)) {
+        while (r == 2 ? reader.pop_newest(record) : reader.take(record)) {
           const std::uint64_t number = number_of(record);
           ASSERT_GT(number, last) << "torn, or not in order";
           ASSERT_EQ(number, reader.number());

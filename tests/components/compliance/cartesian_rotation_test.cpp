@@ -17,6 +17,12 @@ using Eigen::Matrix3d;
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
+Turned advance(Potential potential, const Impedance& z, const Turn& start, const Vector3d& m0, const Vector3d& m1, double h) {
+  RotationStep step;
+  step.prepare(z, h);
+  return step.advance(potential, start, m0, m1);
+}
+
 Impedance aperiodic(const Matrix3d& S) { return {Matrix3d::Identity(), modal_damping(Matrix3d::Identity(), S, 1, 0), S}; }
 Impedance uniform(double k) { return aperiodic(k * Matrix3d::Identity()); }
 

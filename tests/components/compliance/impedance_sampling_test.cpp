@@ -225,7 +225,7 @@ double growth_by_integration(const SampledRobot& r) {
     }
     map.col(column) << x, queue.head(n * old);
   }
-  return std::log(numerics::eigenvalues(map).cwiseAbs().maxCoeff());
+  return std::log(map.eigenvalues().cwiseAbs().maxCoeff());
 }
 
 SampledRobot random_loop(std::mt19937_64& random, int n) {

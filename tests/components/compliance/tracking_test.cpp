@@ -63,7 +63,7 @@ class ClosedLoop : public testing::ElasticRobot {
   VectorXd torque(const VectorXd& q, const VectorXd& dq, const VectorXd& theta, const VectorXd& dtheta) {
     const Joints at_q = joints(q), at_dq = joints(dq), at_theta = joints(theta), at_dtheta = joints(dtheta);
     const Measured measured{at_q, at_dq, at_theta, at_dtheta};
-    tracking.take_error(measured, drives);
+    tracking.update_error(measured, drives);
     tracking.torque(links, reference(), {zero, zero}, drives, measured, {omega, zeta, Lambda, K_s, shaping, passivity}, 0,
                     tau_m);
     return Eigen::Map<VectorXd>(tau_m.data(), n);

@@ -296,7 +296,7 @@ TEST(ContactWorld, NotesContactsThatItLeavesUnsolved) {
   Subject tower("unit:contact_world?scene=" + (folder.path() / "tower.sdf").string() + "&contacts=300");
   const auto notes = [&] {
     std::vector<std::string> all;
-    tower.unit().tell(all);
+    tower.unit().append_notes(all);
     return all;
   };
   tower.initialise();
@@ -322,7 +322,7 @@ TEST(ContactWorld, NotesOfStiffSoftContactsForgetStepsThatAreTakenBack) {
   world.initialise();
   const auto notes = [&] {
     std::vector<std::string> all;
-    world.unit().tell(all);
+    world.unit().append_notes(all);
     return all;
   };
   Snapshot before;
@@ -362,7 +362,7 @@ TEST(ContactWorld, NotesJointsOfTheSceneThatStartBeyondTheirLimits) {
   Subject world("unit:contact_world?scene=" + (folder.path() / "s.sdf").string());
   world.initialise();
   std::vector<std::string> notes;
-  world.unit().tell(notes);
+  world.unit().append_notes(notes);
   ASSERT_EQ(notes.size(), 1u);
   EXPECT_THAT(notes[0], HasSubstr("starts at 0 m, beyond its lower limit 0.5 m: it is brought back slowly"));
 }

@@ -404,6 +404,10 @@ TEST_P(DriveTrainPhysics, WithLinksOutsideMovesItsMotorsAsWithLinksInside) {
   EXPECT_GT(moved, 1e-2);
 }
 
+TEST(DriveTrain, RefusesTheFormerNameOfTheLinkSideWithTheNewOne) {
+  EXPECT_THAT(error_of([] { Drive("robot=lwr4&link=inside"); }), HasSubstr("no setting 'link'; did you mean 'link_side'?"));
+}
+
 INSTANTIATE_TEST_SUITE_P(Methods, DriveTrainPhysics, ::testing::Values("exponential", "rosenbrock", "cvode"),
                          [](const auto& method) { return method.param; });
 

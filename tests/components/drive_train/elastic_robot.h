@@ -5,7 +5,7 @@
 #include <cmath>
 #include <utility>
 
-#include "components/compliance/joints/links.h"
+#include "components/compliance/joints/link_dynamics.h"
 #include "components/compliance/joints/tracking.h"
 #include "models/robot/drives/drive_parameters.h"
 #include "models/robot/dynamics.h"
@@ -63,7 +63,7 @@ struct ElasticRobot {
   robot::RobotModel model;
   robot::Mechanism mechanism;
   robot::Data data;
-  Links links;
+  LinkDynamics links;
   robot::DriveParameters drives;
 };
 

@@ -14,6 +14,7 @@
 #include "models/robot/floating_base.h"
 #include "models/robot/urdf/urdf.h"
 #include "tests/components/drive_train/harness.h"
+#include "tests/models/robot/floating_dynamics.h"
 #include "tests/support/allocations.h"
 #include "tests/support/error_of.h"
 #include "tests/support/files.h"

@@ -341,8 +341,8 @@ TEST_F(GatewayMqtt, PublishesTheRunsStateAndValuesAtALimitedRate) {
     for (std::int64_t tick = 1; !done; ++tick) {
       std::this_thread::sleep_for(std::chrono::milliseconds(1));
       run->set_tick(tick);
-      if (!run->take_request()) continue;
-      run->take_plan(plan);
+      if (!run->pop_request()) continue;
+      run->pop_plan(plan);
       struct {
         bus::LiveRun::RecordHeader header;
         double values[2];

@@ -124,7 +124,7 @@ TEST(Tuner, LearnsFromEverySendPeriodWithEveryPeriodOfItsOwn) {
       EXPECT_NEAR(tuner.integer("samples"), expected, 0.05 * expected + 4) << interval << " ms, step " << period;
       EXPECT_EQ(tuner.text("warning"), "");
       std::vector<std::string> notes;
-      tuner.unit().tell(notes);
+      tuner.unit().append_notes(notes);
       EXPECT_TRUE(notes.empty());
     }
   }
@@ -164,11 +164,11 @@ TEST(Tuner, SaysThatMeasurementsAreTooRareOrTooIrregular) {
   Subject brief = tuner_of_planar2(), silent = tuner_of_planar2();
   std::vector<std::string> notes;
   run_at(brief, measured, 10, 1, 400, [](int) { return false; });
-  brief.unit().tell(notes);
+  brief.unit().append_notes(notes);
   ASSERT_EQ(notes.size(), 1u);
   EXPECT_THAT(notes[0], HasSubstr("of 39 measurements, the last two 0.01 s apart"));
   run_at(silent, measured, 10, 1, 400, [](int i) { return i > 0; });
-  silent.unit().tell(notes);
+  silent.unit().append_notes(notes);
   ASSERT_EQ(notes.size(), 2u);
   EXPECT_THAT(notes[1], HasSubstr("no measurement came"));
 }

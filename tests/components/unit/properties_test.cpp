@@ -176,7 +176,7 @@ TEST_P(UnitProperties, ForgetsNotesOfStepsThatAreTakenBack) {
   if (!instance.unit->restorable()) return;  // has effects outside: nobody may take its steps back
   const auto notes = [&] {
     std::vector<std::string> all;
-    instance.unit->tell(all);
+    instance.unit->append_notes(all);
     return all;
   };
   Snapshot at_start;

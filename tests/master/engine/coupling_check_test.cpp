@@ -36,7 +36,7 @@ class OneWay final : public Unit {
     y_ = u_ / 2;
     return StepResult::kDone;
   }
-  bool goes_back() const override { return false; }
+  bool has_cheap_rollback() const override { return false; }
 
  private:
   double u_ = 0, y_ = 0;
@@ -59,7 +59,7 @@ class Declared final : public Unit, public DeclaredDependencies {
     return StepResult::kDone;
   }
   bool restorable() const override { return restorable_; }
-  bool goes_back() const override { return false; }
+  bool has_cheap_rollback() const override { return false; }
   bool follows(const Variable& output, std::size_t, const Variable& input, std::size_t) const override {
     return output.name == "y1" && input.name == "u1";
   }

@@ -27,7 +27,7 @@ using ::testing::HasSubstr;
 /// m ẍ = −c x − d ẋ + k(t) (u − x): a body whose connection with the other becomes stiff at time t_s.
 class Body final : public Unit {
  public:
-  Body(bool held, bool goes_back) : held_(held), goes_back_(goes_back) {}
+  Body(bool held, bool has_cheap_rollback) : held_(held), goes_back_(has_cheap_rollback) {}
   void declare(Variables& v) override {
     auto u = v.input("u", u_, "m", "position of the other body");
     if (!held_) u.rate(du_);
@@ -53,7 +53,7 @@ class Body final : public Unit {
     y_ = x_;
     return StepResult::kDone;
   }
-  bool goes_back() const override { return goes_back_; }
+  bool has_cheap_rollback() const override { return goes_back_; }
 
  private:
   bool held_, goes_back_;

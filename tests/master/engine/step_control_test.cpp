@@ -63,7 +63,7 @@ TEST(StepControl, OfAScenarioAsOneUnitIsThatOfTheMaster) {
   for (int n = 0; n < 100; ++n) expected += 1e-3 * std::sin(0.1 * n);
   EXPECT_NEAR(v.at("i.y").reals()[0], expected, 1e-15);
   std::vector<std::string> notes;
-  twin.tell(notes);
+  twin.append_notes(notes);
   EXPECT_THAT(notes, ElementsAre("p discarded 55 ticks, which were made in up to 4 parts"));
 }
 

@@ -1,5 +1,5 @@
 // Components that step on threads of their own, beside the loop (master/engine/beside.h).
-#include "master/engine/beside.h"
+#include "master/engine/threaded_unit.h"
 
 #include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
@@ -160,7 +160,7 @@ std::vector<std::vector<double>> run(Master master, const std::vector<std::strin
 }
 
 // A chain without feedback: the same steps with the same inputs, seen one step later.
-TEST(Beside, OutputsAreThoseOfTheLoopOneStepLater) {
+TEST(ThreadedUnit, OutputsAreThoseOfTheLoopOneStepLater) {
   for (const int period : {1, 4}) {
     Build b;
     b.unit("source", "heavy").unit("sum", "integrator", 1, period).with("start", 0.25).unit("copy", "gain", 2).until(0.04);
@@ -185,7 +185,7 @@ Build chaos() {
   return beside(b, "out");
 }
 
-TEST(Beside, GivesTheSameBitsWithAThreadAndWithout) {
+TEST(ThreadedUnit, GivesTheSameBitsWithAThreadAndWithout) {
   const Build b = chaos();
   const std::vector<std::string> names = {"in.y", "slow.y", "out.y"};
   const auto rows = run(load(b), names);
@@ -204,7 +204,7 @@ TEST(Beside, GivesTheSameBitsWithAThreadAndWithout) {
   }
 }
 
-TEST(Beside, CanBeSavedAndResumedToTheSameBits) {
+TEST(ThreadedUnit, CanBeSavedAndResumedToTheSameBits) {
   const Build b = chaos();
   const std::vector<std::string> names = {"in.y", "slow.y", "out.y"};
   const auto rows = run(load(b), names);
@@ -229,7 +229,7 @@ TEST(Beside, CanBeSavedAndResumedToTheSameBits) {
 }
 
 // The discarded tick is made in parts, after a replay from the last checkpoint.
-TEST(Beside, StepsAgainWhenAnotherUnitDiscardsATick) {
+TEST(ThreadedUnit, StepsAgainWhenAnotherUnitDiscardsATick) {
   Build b = chaos();
   b.until(0.5).unit("picky", "picky?restorable=true", 0).with("longest", 0.0004).with("from", 0.3);
   const std::vector<std::string> names = {"in.y", "slow.y", "out.y", "picky.y"};
@@ -252,7 +252,7 @@ void step_until(Master& master, const Condition& condition) {
   }
 }
 
-TEST(Beside, ALoopOnAClockNeverWaitsAndSeesWholeSteps) {
+TEST(ThreadedUnit, ALoopOnAClockNeverWaitsAndSeesWholeSteps) {
   Build b;
   b.unit("probe", "probe").unit("gate", "gate", 1).until(1e6);
   for (const char* element : {"[1]", "[2]", "[3]"}) b.connect("probe.t", std::string("gate.u") + element).as_it_is();
@@ -283,7 +283,7 @@ TEST(Beside, ALoopOnAClockNeverWaitsAndSeesWholeSteps) {
   EXPECT_THAT(master.summary().notes, ::testing::Contains(HasSubstr("gate: beside the loop: ")));
 }
 
-TEST(Beside, AllocatesNothingInTheLoop) {
+TEST(ThreadedUnit, AllocatesNothingInTheLoop) {
   for (const bool paced : {false, true}) {
     Build b;
     b.unit("a", "heavy").unit("b", "heavy", 1).unit("c", "gain?n=40", 1).connect("a.y", "b.u").until(1);
@@ -297,7 +297,7 @@ TEST(Beside, AllocatesNothingInTheLoop) {
   }
 }
 
-TEST(Beside, ErrorsAreThoseOfTheComponent) {
+TEST(ThreadedUnit, ErrorsAreThoseOfTheComponent) {
   const auto error = [](Build b) { return error_of([&] { run(load(beside(b, "x")), {}); }); };
   Build broken, picky, tolerant;
   broken.unit("x", "faulty").with("throws", true).with("after", 0.003);
@@ -324,7 +324,7 @@ std::string error_of_the_end(Master& master) {
   return error;
 }
 
-TEST(Beside, TheEndOfTheRunThrowsTheErrorOfTheLastStep) {
+TEST(ThreadedUnit, TheEndOfTheRunThrowsTheErrorOfTheLastStep) {
   for (const bool paced : {false, true}) {
     const auto one_tick = [&](Build b) {
       for (ComponentSpec& spec : b.scenario.components) spec.beside = true;
@@ -351,7 +351,7 @@ TEST(Beside, TheEndOfTheRunThrowsTheErrorOfTheLastStep) {
   EXPECT_THAT(error_of([&] { (void)twin.step(Time{9'000'000}, Duration{1'000'000}); }), HasSubstr("the gear has broken"));
 }
 
-TEST(Beside, AStateWithAFailedStepIsNotSaved) {
+TEST(ThreadedUnit, AStateWithAFailedStepIsNotSaved) {
   Build b;
   b.unit("x", "faulty").with("throws", true).with("after", 0.003);
   Master master = load(beside(b, "x"));
@@ -362,7 +362,7 @@ TEST(Beside, AStateWithAFailedStepIsNotSaved) {
   EXPECT_FALSE(saved);
 }
 
-TEST(Beside, ValuesThatTheUnitWouldActOnAreRequiredAsInTheLoop) {
+TEST(ThreadedUnit, ValuesThatTheUnitWouldActOnAreRequiredAsInTheLoop) {
   const auto robot = [](const std::string& mode, bool outside) {
     Build b;
     b.unit("source", "joints").unit("robot", "robot", 1).with("mode", mode);
@@ -379,7 +379,7 @@ TEST(Beside, ValuesThatTheUnitWouldActOnAreRequiredAsInTheLoop) {
   }
 }
 
-TEST(Beside, AForgottenDerivativeIsReportedAsInTheLoop) {
+TEST(ThreadedUnit, AForgottenDerivativeIsReportedAsInTheLoop) {
   for (const bool outside : {false, true}) {
     Build b;
     b.unit("robot", "robot").unit("follower", "follower", 1).connect("robot.q", "follower.q_d");
@@ -388,7 +388,7 @@ TEST(Beside, AForgottenDerivativeIsReportedAsInTheLoop) {
   }
 }
 
-TEST(Beside, CannotBeTheSourceOfTheClock) {
+TEST(ThreadedUnit, CannotBeTheSourceOfTheClock) {
   for (const char* named : {"", "x"}) {
     Build b;
     b.unit("x", "silent");
@@ -401,7 +401,7 @@ TEST(Beside, CannotBeTheSourceOfTheClock) {
 }
 
 // Robots in the loop go to their safe state at once, however long a step beside the loop lasts.
-TEST(Beside, UnitsInTheLoopAreEndedBeforeTheLastStepBesideItIsWaitedFor) {
+TEST(ThreadedUnit, UnitsInTheLoopAreEndedBeforeTheLastStepBesideItIsWaitedFor) {
   Build b;
   b.unit("x", "robot?called=x").unit("y", "robot?called=y", 1).until(0.001);
   const std::vector<UnitType> all = types();
@@ -426,7 +426,7 @@ TEST(Beside, UnitsInTheLoopAreEndedBeforeTheLastStepBesideItIsWaitedFor) {
   EXPECT_THAT(Robot::ended, ::testing::ElementsAre("y", "x"));
 }
 
-TEST(Beside, AUnitThatRequestsTheEndEndsTheRun) {
+TEST(ThreadedUnit, AUnitThatRequestsTheEndEndsTheRun) {
   Build b;
   b.unit("x", "brief").until(1);
   const auto rows = run(load(beside(b, "x")), {"x.steps"});
@@ -434,7 +434,7 @@ TEST(Beside, AUnitThatRequestsTheEndEndsTheRun) {
   EXPECT_EQ(rows.size(), 1u + 4u) << "three steps, and the one in which the third is seen";
 }
 
-TEST(Beside, EventsAndKindsOfValuesReachTheUnit) {
+TEST(ThreadedUnit, EventsAndKindsOfValuesReachTheUnit) {
   Build b;
   b.unit("m", "mixed").with("integer", std::int64_t{7}).with("boolean", true).with("string", std::string("word"));
   b.unit("g", "gain").with("u", 1.0).event(0.004, "g.gain", "5");

@@ -94,7 +94,7 @@ TEST(LiveRun, AWatchAsksForEveryNthTickOrForSingleRecords) {
   EXPECT_EQ(fifths, (std::vector<std::int64_t>{1, 5, 10, 15, 20, 25, 30}));
   asked.request();
   master.step_tick();
-  ASSERT_TRUE(asked.take_newest(sample));
+  ASSERT_TRUE(asked.pop_newest(sample));
   EXPECT_EQ(sample.tick, 31);
 }
 

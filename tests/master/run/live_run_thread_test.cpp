@@ -71,7 +71,7 @@ TEST(LiveRunThread, APausedRunAnswersAndIsResumedByAnotherThread) {
     LiveRun::Watch watch(o.run, std::vector<std::string>{"i.y"}, 0);
     ASSERT_TRUE(watch.wait(soon()));
     LiveRun::Sample sample;
-    ASSERT_TRUE(watch.take_newest(sample));
+    ASSERT_TRUE(watch.pop_newest(sample));
     ASSERT_EQ(sample.tick, tick);
     control.command(RunVerb::kResume);
     ASSERT_EQ(control.wait(soon())->tick, tick);

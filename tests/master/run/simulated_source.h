@@ -40,17 +40,17 @@ class SimulatedSource final : public TickSource {
   explicit SimulatedSource(SimulatedHost& host) : host_(host) {}
 
   std::optional<Arrival> wait(std::int64_t deadline) override {
-    const auto take_newest = [&]() -> std::optional<Arrival> {
+    const auto pop_newest = [&]() -> std::optional<Arrival> {
       std::optional<Arrival> newest;
       for (; !packets_.empty() && packets_.front().host <= host_.now(); packets_.pop_front())
         newest = {packets_.front().host, packets_.front().source};
       return newest;
     };
     ++waits_;
-    if (const auto arrival = take_newest()) return arrival;
+    if (const auto arrival = pop_newest()) return arrival;
     if (!packets_.empty() && packets_.front().host <= deadline) {
       host_.sleep_until(packets_.front().host);
-      return take_newest();
+      return pop_newest();
     }
     if (host_.now() < deadline) host_.sleep_until(deadline);
     return std::nullopt;

@@ -595,7 +595,8 @@ TEST(Tools, AreWrittenIntoAPackageAndReadBack) {
   const Scenario scenario = cell.scenario();
   const std::vector<Member> members = load_members(scenario, unit_types(), {places::source() + "/models"});
   const std::vector<PackedComponent> components(members.size(), PackedComponent{"resources/x.fmu", ""});
-  const Scenario back = parse_scenario(to_ssd(scenario, members, resolve_links(scenario, members), components, false), "x", "");
+  const Scenario back =
+      parse_scenario(to_ssd(scenario, members, resolve_connections(scenario, members), components, false), "x", "");
   ASSERT_EQ(back.tools.size(), 2u);
   EXPECT_EQ(back.tools[0].frames.at(0).rpy, scenario.tools[0].frames.at(0).rpy);
   EXPECT_EQ(back.tools[0].reason, "to <see>");

@@ -99,7 +99,7 @@ TEST(Cubic, ThroughTheNodesIsThePolynomialAndItsPartsAreItsAreas) {
 }
 
 TEST(DcLink, ChargesAsTheSquareRootOfTheEnergyAndChopsTheRest) {
-  const Link link{.C = 0.01, .V_min = 48, .V_max = 60};
+  const DcLink link{.C = 0.01, .V_min = 48, .V_max = 60};
   LinkFlows flows;
   // C U U̇ = −P: U² = U₀² + 2 E/C; 6.48 J fill the capacitor.
   EXPECT_NEAR(draw(link, 48, {-5, 0, 0, 0}, 1, flows), std::sqrt(48 * 48 + 2 * 5 / 0.01), 1e-12);
@@ -121,7 +121,7 @@ TEST(DcLink, AgreesWithSmallStepsOfTheDifferentialEquation) {
   std::mt19937 random(11);
   std::uniform_real_distribution<double> uniform(-1, 1);
   for (int trial = 0; trial < 40; ++trial) {
-    const Link link{.C = 0.004 + 0.003 * uniform(random), .V_min = 48, .V_max = 55 + 5 * uniform(random)};
+    const DcLink link{.C = 0.004 + 0.003 * uniform(random), .V_min = 48, .V_max = 55 + 5 * uniform(random)};
     const Cubic p = {40 * uniform(random), 100 * uniform(random), 200 * uniform(random), 200 * uniform(random)};
     const double h = 0.3, start = 48 + (link.V_max - 48) * (0.5 + 0.5 * uniform(random));
     LinkFlows exact, small;

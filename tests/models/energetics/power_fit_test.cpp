@@ -14,6 +14,7 @@
 #include "models/robot/dynamics.h"
 #include "models/robot/urdf/urdf.h"
 #include "tests/support/error_of.h"
+#include "tests/support/files.h"
 #include "tests/support/places.h"
 #include "tests/support/public_data.h"
 
@@ -24,6 +25,11 @@ using cotwin::testing::error_of;
 using ::testing::HasSubstr;
 
 constexpr int kJoints = 3;
+
+PowerLog parse_power_log(const std::string& text, const std::string& name, const PowerColumns& columns = {},
+                         const robot::RobotModel* robot = nullptr) {
+  return read_power_log(cotwin::testing::TemporaryFile(text, name).path(), columns, robot);
+}
 
 /// A log whose power is known: motions of 1.6 s with rests of 0.8 s.
 struct Synthetic {

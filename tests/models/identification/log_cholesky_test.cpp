@@ -55,18 +55,6 @@ TEST(LogCholesky, GivesAPhysicalBodyForAnyCoordinates) {
   }
 }
 
-TEST(LogCholesky, ReachesEveryPhysicalBodyAndFindsItsCoordinates) {
-  Draw draw(4);
-  for (int i = 0; i < 1000; ++i) {
-    const LogCholesky body(draw.inertia());
-    const Vector10d pi = draw.inertia().parameters();
-    const Vector10d xi = body.coordinates(pi);
-    ASSERT_LT((body.parameters(xi) - pi).norm(), 1e-11 * (1 + pi.norm())) << i;
-    const Vector10d other = random_xi(draw, 1);
-    ASSERT_LT((body.coordinates(body.parameters(other)) - other).norm(), 1e-8) << i;
-  }
-}
-
 // e^(2α) scales mass and moments alike; t moves the centre of mass by standard deviations.
 TEST(LogCholesky, CoordinatesHaveTheirDocumentedMeaning) {
   Inertia prior;

@@ -62,28 +62,15 @@ TEST(Kernels, SineAndCosineOfUnusualAnglesAreTheLibrarys) {
 }
 
 struct Results {
-  VectorXd tau, h, g, ddq, linear_tau;
-  MatrixXd M, C, by_q, by_dq, linear_M, Y, J;
-  Eigen::Matrix<double, 6, 6> Lambda_inverse;
+  VectorXd tau, h, g, ddq;
+  MatrixXd M, C, by_q, by_dq, Y, J;
   Twist a;
   Pose X;
   double T = 0, U = 0;
   MatrixXd batch;  // state x joint
 
   explicit Results(int n)
-      : tau(n),
-        h(n),
-        g(n),
-        ddq(n),
-        linear_tau(n),
-        M(n, n),
-        C(n, n),
-        by_q(n, n),
-        by_dq(n, n),
-        linear_M(n, n),
-        Y(n, 10 * n),
-        J(6, n),
-        batch(5, n) {}
+      : tau(n), h(n), g(n), ddq(n), M(n, n), C(n, n), by_q(n, n), by_dq(n, n), Y(n, 10 * n), J(6, n), batch(5, n) {}
 
   void compute(const Mechanism& m, Data& data, const FrameOnBody& frame, const VectorIn& q, const VectorIn& dq,
                const VectorIn& ddq_in, const MatrixXd& states) {
@@ -95,12 +82,10 @@ struct Results {
     coriolis_matrix(m, data, q, dq, C);
     forward_dynamics(m, data, q, dq, tau, ddq);
     inverse_dynamics_derivatives(m, data, q, dq, ddq_in, by_q, by_dq);
-    linearised_dynamics(m, data, q, dq, ddq_in, linear_tau, by_q, by_dq, linear_M);
     regressor(m, data, q, dq, ddq_in, Y);
     X = forward_kinematics(m, data, q, frame);
     X = jacobian(m, data, q, frame, J);
     jacobian_dot_times_dq(m, data, q, dq, frame, a);
-    operational_inertia_inverse(m, data, q, frame, Lambda_inverse);
     T = kinetic_energy(m, data, q, dq);
     U = potential_energy(m, data, q);
     inverse_dynamics_batch(m, data, 5, states.data(), states.data(), states.data(), batch.data());
@@ -109,8 +94,8 @@ struct Results {
   VectorXd all() const {
     std::vector<double> v;
     const auto add = [&v](const auto& part) { v.insert(v.end(), part.data(), part.data() + part.size()); };
-    add(tau), add(h), add(g), add(ddq), add(linear_tau), add(M), add(C), add(by_q), add(by_dq), add(linear_M), add(Y), add(J);
-    add(Lambda_inverse), add(a), add(X.R), add(X.p), add(batch);
+    add(tau), add(h), add(g), add(ddq), add(M), add(C), add(by_q), add(by_dq), add(Y), add(J);
+    add(a), add(X.R), add(X.p), add(batch);
     v.push_back(T), v.push_back(U);
     return Eigen::Map<VectorXd>(v.data(), static_cast<Eigen::Index>(v.size()));
   }
@@ -222,28 +207,15 @@ TEST(Kernels, WriteIntoBlocksOfLargerMatricesAndNowhereElse) {
       in_frame(n, n, [&](MatrixOut M) { mass_matrix(mechanism, data, q, M); });
       in_frame(n, n, [&](MatrixOut C) { coriolis_matrix(mechanism, data, q, dq, C); });
       in_frame(n, n, [&](MatrixOut A) {
-        MatrixXd B(n, n), D = B;
-        VectorXd t(n);
-        linearised_dynamics(mechanism, data, q, dq, ddq, t, A, B, D);
+        MatrixXd B(n, n);
+        inverse_dynamics_derivatives(mechanism, data, q, dq, ddq, A, B);
       });
       in_frame(n, n, [&](MatrixOut A) {
-        MatrixXd B(n, n), D = B;
-        VectorXd t(n);
-        linearised_dynamics(mechanism, data, q, dq, ddq, t, B, A, D);
-      });
-      in_frame(n, n, [&](MatrixOut A) {
-        MatrixXd B(n, n), D = B;
-        VectorXd t(n);
-        linearised_dynamics(mechanism, data, q, dq, ddq, t, B, D, A);
+        MatrixXd B(n, n);
+        inverse_dynamics_derivatives(mechanism, data, q, dq, ddq, B, A);
       });
       in_frame(n, 10 * n, [&](MatrixOut Y) { regressor(mechanism, data, q, dq, ddq, Y); });
       in_frame(6, n, [&](MatrixOut J) { jacobian(mechanism, data, q, frame, J); });
-      Eigen::Matrix<double, 6, 6> Lambda;
-      operational_inertia_inverse(mechanism, data, q, frame, Lambda);
-      Eigen::Matrix<double, 8, 8> large = Eigen::Matrix<double, 8, 8>::Constant(12345.0), expected = large;
-      operational_inertia_inverse(mechanism, data, q, frame, large.block<6, 6>(1, 1));
-      expected.block<6, 6>(1, 1) = Lambda;
-      EXPECT_EQ(large, expected) << isa;
     }
   });
 }
@@ -291,8 +263,8 @@ TEST(Kernels, TheMixtureOfInstructionSetsTakesEachFunctionFromALevel) {
     count(&Kernels::sine_cosine), count(&Kernels::inverse_dynamics), count(&Kernels::inverse_dynamics_batch);
     count(&Kernels::mass_matrix), count(&Kernels::mass_matrix_and_bias), count(&Kernels::coriolis_matrix);
     count(&Kernels::forward_dynamics), count(&Kernels::derivatives), count(&Kernels::regressor), count(&Kernels::kinematics);
-    count(&Kernels::jacobian_dot_times_dq), count(&Kernels::operational_inertia_inverse), count(&Kernels::potential_energy);
-    EXPECT_EQ(of_v3 + of_v4, 13);
+    count(&Kernels::jacobian_dot_times_dq), count(&Kernels::potential_energy);
+    EXPECT_EQ(of_v3 + of_v4, 12);
     EXPECT_GT(of_v3, 0);
     EXPECT_GT(of_v4, 0);
     EXPECT_EQ(&mixed, &choose_kernels(n, chain, "x86-64-v4-intel"));  // the same table in every call

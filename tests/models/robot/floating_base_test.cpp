@@ -12,6 +12,7 @@
 
 #include "models/foundation/support/error.h"
 #include "models/robot/urdf/urdf.h"
+#include "tests/models/robot/floating_dynamics.h"
 #include "tests/models/robot/maximal_coordinates.h"
 #include "tests/models/robot/random_robots.h"
 #include "tests/support/allocations.h"

@@ -59,7 +59,7 @@ TEST(Sigmoid, OfThePandaHasTheTwoPublishedFormsOfOneCurve) {
     const double printed = 1.2794 / (1 + std::exp(-5.5903 * (v + 0.036194))) - 1.2794 / (1 + std::exp(-5.5903 * 0.036194));
     EXPECT_NEAR(f.at(v).torque, printed, 1e-15) << v;
   }
-  EXPECT_EQ(f.at(0).torque, 0);
+  EXPECT_NEAR(f.at(0).torque, 0, 1e-15);
 }
 
 TEST(Sigmoid, OfTheLwrTendsToItsLimitsWithoutOverflow) {

@@ -12,6 +12,7 @@
 #include <limits>
 
 #include "models/robot/urdf/urdf.h"
+#include "tests/models/robot/floating_dynamics.h"
 #include "tests/models/robot/random_robots.h"
 #include "tests/support/allocations.h"
 #include "tests/support/places.h"

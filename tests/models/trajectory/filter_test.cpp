@@ -57,7 +57,6 @@ TEST(ZeroPhaseLowPass, GainIsTheDocumentedFunctionAndPhaseIsZero) {
       const double ratio = std::tan(std::numbers::pi * frequency / kRate) / std::tan(std::numbers::pi * 8 / kRate);
       const double gain = 1 / (1 + (std::numbers::sqrt2 - 1) * std::pow(ratio, 2 * order));
       EXPECT_NEAR(r.gain, gain, 1e-9) << order << ", " << frequency;
-      EXPECT_NEAR(filter.gain(frequency), gain, 1e-14);
       if (gain > 1e-6) {
         EXPECT_NEAR(r.phase, 0, 1e-9 / gain) << order << ", " << frequency;
       }

@@ -164,10 +164,4 @@ Turned RotationStep::advance(Potential potential, const Turn& start, const Vecto
   return result;
 }
 
-Turned advance(Potential potential, const Impedance& z, const Turn& start, const Vector3d& m0, const Vector3d& m1, double h) {
-  RotationStep step;
-  step.prepare(z, h);
-  return step.advance(potential, start, m0, m1);
-}
-
 }  // namespace cotwin::compliance

@@ -33,10 +33,6 @@ struct Turned {
 /// that of Δω,
 ///   Q₊ − Q₋ = ¼ h (0, Ω) ⊗ (Q₊ + Q₋)      M (Δω₊ − Δω₋) = h (m − D Ω − 2 E(Q̄)ᵀ S ε̄)
 /// so that ½ Δωᵀ M Δω + 2 εᵀ S ε changes by exactly h Ωᵀ m − h Ωᵀ D Ω: no energy is made, with parts of any length.
-Turned advance(Potential potential, const Impedance& impedance, const Turn& start, const Eigen::Vector3d& m0,
-               const Eigen::Vector3d& m1, double h);
-
-/// advance() in steps of one length, with the matrices that depend on the impedance and on h prepared.
 class RotationStep {
  public:
   /// Prepares steps of `h` > 0 seconds. Returns at once if nothing has changed since the last call.

@@ -54,7 +54,7 @@ struct Collision::Impl {
   Pair pair;
   Patch patch;
   Terrain terrain;
-  std::vector<Touch> touches;
+  std::vector<ManifoldPoint> touches;
   std::vector<ContactPoint> points, points_before;
 };
 
@@ -206,8 +206,8 @@ void Collision::Impl::add_points(const Candidate& candidate, double margin) {
     const Vector3d n = pair.find(a, b, margin, touches);
     if (!touches.empty() && yields) patch.find(a, b, prefer_b, n, margin, touches);
   }
-  std::sort(touches.begin(), touches.end(), [](const Touch& s, const Touch& t) { return s.id < t.id; });
-  for (const Touch& t : touches) {
+  std::sort(touches.begin(), touches.end(), [](const ManifoldPoint& s, const ManifoldPoint& t) { return s.id < t.id; });
+  for (const ManifoldPoint& t : touches) {
     points.push_back({pieces[i].body, pieces[j].body, pieces[i].shape, pieces[j].shape, origin + t.p, t.n, t.gap, t.id, t.area,
                       t.share, t.load, t.spread});
   }

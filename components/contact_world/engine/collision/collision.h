@@ -19,7 +19,7 @@ struct ContactPoint {
   Eigen::Vector3d n_W = Eigen::Vector3d::Zero();  // unit normal, from a to b
   double gap = 0;                                 // signed distance along n, m; negative: they interpenetrate
   std::uint64_t id = 0;                           // of the features: unique in the pair of shapes, constant from step to step
-  double area = 0, share = 1;                     // of patch.h: as Touch in manifold.h
+  double area = 0, share = 1;                     // of patch.h: as ManifoldPoint in manifold.h
   double load = 0, spread = 1;
 };
 

@@ -187,7 +187,7 @@ void Manifold::segment_on_polygon(const Feature& segment, const Feature& polygon
     }
     const std::uint32_t own_index = part == Part::kVertex ? corner.vertex : first.edge;
     const std::uint64_t id =
-        swapped ? touch_id(other, other_index, part, own_index) : touch_id(part, own_index, other, other_index);
+        swapped ? feature_pair_id(other, other_index, part, own_index) : feature_pair_id(part, own_index, other, other_index);
     found_.push_back({t1_ * at.x() + t2_ * at.y() + n * ((h_a + h_b) / 2), n, h_b - h_a, id});
   };
   add_point(from, part_from, side_from, first);
@@ -219,7 +219,8 @@ void Manifold::segments(const Placed& piece_a, const Placed& piece_b, const Vect
   const bool crossing = std::abs(turned) > kParallel * std::sqrt(uu * vv);
   const double t = crossing ? cross(w, v) / turned : 0, s = crossing ? cross(w, u) / turned : 0;
   const bool meet = crossing && t >= -kOn && t <= 1 + kOn && s >= -kOn && s <= 1 + kOn;
-  if (meet) add_point(std::clamp(t, 0.0, 1.0), std::clamp(s, 0.0, 1.0), touch_id(Part::kEdge, edge_a, Part::kEdge, edge_b));
+  if (meet)
+    add_point(std::clamp(t, 0.0, 1.0), std::clamp(s, 0.0, 1.0), feature_pair_id(Part::kEdge, edge_a, Part::kEdge, edge_b));
   if (radius == 0 && crossing) return;
 
   constexpr double kNear = 0.3, kApart = 0.05;              // of the radius: sideways, and along from the crossing
@@ -242,14 +243,14 @@ void Manifold::segments(const Placed& piece_a, const Placed& piece_b, const Vect
   for (const double limit : {from, to}) {
     const Vector3d way = between(limit, foot(limit));
     const double place = inside(piece_a, along_a, way, limit);
-    const std::uint64_t id = touch_id(Part::kFace, edge_a, Part::kFace, end++);
+    const std::uint64_t id = feature_pair_id(Part::kFace, edge_a, Part::kFace, end++);
     if (meet && std::abs(place - t) * std::sqrt(uu) < kApart * radius) continue;
     add_point(place, inside(piece_b, along_b, way, foot(place)), id);
     if (to <= from) return;
   }
 }
 
-double Manifold::find(const Placed& a, const Placed& b, const Vector3d& n, double margin, std::vector<Touch>& touches) {
+double Manifold::find(const Placed& a, const Placed& b, const Vector3d& n, double margin, std::vector<ManifoldPoint>& touches) {
   supporting_feature(a, n, a_);
   supporting_feature(b, -n, b_);
   Eigen::Index smallest = 0;
@@ -272,7 +273,8 @@ double Manifold::find(const Placed& a, const Placed& b, const Vector3d& n, doubl
   return choose(margin, touches);
 }
 
-void Manifold::on_plane(const Placed& plane, const Placed& b, const Vector3d& n, double margin, std::vector<Touch>& touches) {
+void Manifold::on_plane(const Placed& plane, const Placed& b, const Vector3d& n, double margin,
+                        std::vector<ManifoldPoint>& touches) {
   supporting_feature(b, -n, b_);
   t1_ = n.unitOrthogonal();
   t2_ = n.cross(t1_);
@@ -282,12 +284,12 @@ void Manifold::on_plane(const Placed& plane, const Placed& b, const Vector3d& n,
     const Vector3d& p = b_.corners[k].p;
     const double gap = n.dot(p - plane.p) - b.convex->round;
     found_.push_back(
-        {p - n * (b.convex->round + gap / 2), n, gap, touch_id(Part::kWhole, 0, Part::kVertex, b_.corners[k].vertex)});
+        {p - n * (b.convex->round + gap / 2), n, gap, feature_pair_id(Part::kWhole, 0, Part::kVertex, b_.corners[k].vertex)});
   }
   choose(margin, touches);
 }
 
-void Manifold::choose_of(const Vector3d& n, std::vector<Touch>& touches) {
+void Manifold::choose_of(const Vector3d& n, std::vector<ManifoldPoint>& touches) {
   t1_ = n.unitOrthogonal();
   t2_ = n.cross(t1_);
   found_.assign(touches.begin(), touches.end());
@@ -297,14 +299,15 @@ void Manifold::choose_of(const Vector3d& n, std::vector<Touch>& touches) {
 
 /// Selects four of the points: the deepest, the one farthest from it, and on each side of these two the one that encloses the
 /// largest area. Among (nearly) equal points the lowest id, so that rounding does not decide.
-double Manifold::choose(double margin, std::vector<Touch>& touches) {
+double Manifold::choose(double margin, std::vector<ManifoldPoint>& touches) {
   double smallest = kInfinity;
-  for (const Touch& t : found_) smallest = std::min(smallest, t.gap);
-  std::erase_if(found_, [&](const Touch& t) { return !(t.gap < margin); });
+  for (const ManifoldPoint& t : found_) smallest = std::min(smallest, t.gap);
+  std::erase_if(found_, [&](const ManifoldPoint& t) { return !(t.gap < margin); });
   std::sort(found_.begin(), found_.end(),
-            [](const Touch& a, const Touch& b) { return a.id != b.id ? a.id < b.id : a.gap < b.gap; });
-  found_.erase(std::unique(found_.begin(), found_.end(), [](const Touch& a, const Touch& b) { return a.id == b.id; }),
-               found_.end());
+            [](const ManifoldPoint& a, const ManifoldPoint& b) { return a.id != b.id ? a.id < b.id : a.gap < b.gap; });
+  found_.erase(
+      std::unique(found_.begin(), found_.end(), [](const ManifoldPoint& a, const ManifoldPoint& b) { return a.id == b.id; }),
+      found_.end());
   if (found_.size() <= 4) {
     touches.insert(touches.end(), found_.begin(), found_.end());
     return smallest;
@@ -318,16 +321,16 @@ double Manifold::choose(double margin, std::vector<Touch>& touches) {
     }
     return best;
   };
-  const auto place = [&](const Touch& t) { return across(t.p); };
-  const std::size_t i = best_of([](const Touch& t) { return -t.gap; }, 1e-9);  // m
+  const auto place = [&](const ManifoldPoint& t) { return across(t.p); };
+  const std::size_t i = best_of([](const ManifoldPoint& t) { return -t.gap; }, 1e-9);  // m
   const Vector2d p = place(found_[i]);
   double size = 0;
-  for (const Touch& t : found_) size = std::max(size, (place(t) - p).squaredNorm());
+  for (const ManifoldPoint& t : found_) size = std::max(size, (place(t) - p).squaredNorm());
   const double slack = 1e-6 * size;  // m²
-  const std::size_t j = best_of([&](const Touch& t) { return (place(t) - p).squaredNorm(); }, slack);
+  const std::size_t j = best_of([&](const ManifoldPoint& t) { return (place(t) - p).squaredNorm(); }, slack);
   const Vector2d along = place(found_[j]) - p;
-  const std::size_t left = best_of([&](const Touch& t) { return cross(along, place(t) - p); }, slack);
-  const std::size_t right = best_of([&](const Touch& t) { return -cross(along, place(t) - p); }, slack);
+  const std::size_t left = best_of([&](const ManifoldPoint& t) { return cross(along, place(t) - p); }, slack);
+  const std::size_t right = best_of([&](const ManifoldPoint& t) { return -cross(along, place(t) - p); }, slack);
   std::array<std::size_t, 4> chosen{i, j, left, right};
   std::sort(chosen.begin(), chosen.end());
   for (std::size_t k = 0; k < 4; ++k) {

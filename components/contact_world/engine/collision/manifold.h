@@ -9,7 +9,7 @@
 namespace cotwin::contact_world {
 
 /// A contact point within a pair.
-struct Touch {
+struct ManifoldPoint {
   Eigen::Vector3d p;  // halfway between the surfaces
   Eigen::Vector3d n;  // unit normal, from a to b: the pair's, or that of the place on two lines with curvature
   double gap = 0;     // along n
@@ -20,7 +20,7 @@ struct Touch {
 
 /// Features of a and b encoded in one number: kind and index of each.
 enum class Part : std::uint32_t { kVertex = 0, kEdge = 1u << 30, kFace = 2u << 30, kWhole = 3u << 30 };
-inline std::uint64_t touch_id(Part part_a, std::uint32_t a, Part part_b, std::uint32_t b) {
+inline std::uint64_t feature_pair_id(Part part_a, std::uint32_t a, Part part_b, std::uint32_t b) {
   return std::uint64_t{static_cast<std::uint32_t>(part_a) | a} << 32 | (static_cast<std::uint32_t>(part_b) | b);
 }
 
@@ -34,17 +34,18 @@ class Manifold {
   /// Finds the features of `a` and `b` that face each other along n and appends at most four points with a gap of at most
   /// `margin` to `touches`. Returns the smallest gap of all points before that selection; infinity if the projected features
   /// are disjoint.
-  double find(const Placed& a, const Placed& b, const Eigen::Vector3d& n, double margin, std::vector<Touch>& touches);
+  double find(const Placed& a, const Placed& b, const Eigen::Vector3d& n, double margin, std::vector<ManifoldPoint>& touches);
 
   /// For the deepest point of the last find(): the distance across n from a corner to the border of the face above it; 0 if the
   /// point is not a corner at a face.
   double face_margin() const { return face_margin_; }
 
   /// As find() for a half-space bounded by the plane through `a.p` with normal n.
-  void on_plane(const Placed& plane, const Placed& b, const Eigen::Vector3d& n, double margin, std::vector<Touch>& touches);
+  void on_plane(const Placed& plane, const Placed& b, const Eigen::Vector3d& n, double margin,
+                std::vector<ManifoldPoint>& touches);
 
   /// Keeps four of the points, which have the normal n, as find() does.
-  void choose_of(const Eigen::Vector3d& n, std::vector<Touch>& touches);
+  void choose_of(const Eigen::Vector3d& n, std::vector<ManifoldPoint>& touches);
 
  private:
   struct Point {
@@ -65,14 +66,14 @@ class Manifold {
   void segments(const Placed& piece_a, const Placed& piece_b, const Eigen::Vector3d& n);
   void outline(const Feature& feature, bool clockwise);
   void clip(std::uint32_t own_face);
-  double choose(double margin, std::vector<Touch>& touches);
+  double choose(double margin, std::vector<ManifoldPoint>& touches);
   Eigen::Vector2d across(const Eigen::Vector3d& p) const { return {t1_.dot(p), t2_.dot(p)}; }
 
   Feature a_, b_;
   Eigen::Vector3d t1_, t2_;  // right-handed frame with n
   std::vector<Point> points_, kept_;
   std::vector<Side> sides_;
-  std::vector<Touch> found_;
+  std::vector<ManifoldPoint> found_;
   double face_margin_ = 0;
   double on_ = 0;  // m; points this close to an outline are on it
 };

@@ -14,17 +14,17 @@ using Eigen::Vector3d;
 
 /// Adds the single point of a pair whose features give none; p_b is on the core of b. If there are four points already, it
 /// replaces the nearest.
-void add_single_point(const Separation& s, double round_a, double round_b, double margin, std::vector<Touch>& touches) {
+void add_single_point(const Separation& s, double round_a, double round_b, double margin, std::vector<ManifoldPoint>& touches) {
   const double gap = s.gap - round_a - round_b;
   if (!(gap < margin)) return;
-  const Touch touch{s.p_b - s.n * (round_b + gap / 2), s.n, gap, touch_id(Part::kWhole, 0, Part::kWhole, 0)};
+  const ManifoldPoint touch{s.p_b - s.n * (round_b + gap / 2), s.n, gap, feature_pair_id(Part::kWhole, 0, Part::kWhole, 0)};
   if (touches.size() < 4) {
     touches.push_back(touch);
     return;
   }
-  const auto distance = [&](const Touch& t) { return (t.p - touch.p).squaredNorm(); };
+  const auto distance = [&](const ManifoldPoint& t) { return (t.p - touch.p).squaredNorm(); };
   *std::min_element(touches.begin(), touches.end(),
-                    [&](const Touch& s1, const Touch& s2) { return distance(s1) < distance(s2); }) = touch;
+                    [&](const ManifoldPoint& s1, const ManifoldPoint& s2) { return distance(s1) < distance(s2); }) = touch;
 }
 
 /// Whether n, out of a face of the base, is the direction of the shortest translation that separates the shapes: the deepest
@@ -53,11 +53,11 @@ void Pair::reserve(std::size_t corners) {
   scratch_.corners.reserve(corners);
 }
 
-Vector3d Pair::find(const Placed& a, const Placed& b, double margin, std::vector<Touch>& touches) {
+Vector3d Pair::find(const Placed& a, const Placed& b, double margin, std::vector<ManifoldPoint>& touches) {
   touches.clear();
   if (a.convex->core > b.convex->core) {
     const Vector3d n = -find(b, a, margin, touches);
-    for (Touch& t : touches) {
+    for (ManifoldPoint& t : touches) {
       t.id = t.id << 32 | t.id >> 32;
       t.n = -t.n;
     }
@@ -67,7 +67,7 @@ Vector3d Pair::find(const Placed& a, const Placed& b, double margin, std::vector
   const bool inside = !touches.empty() && (points_out_of_covered(a, n) || points_out_of_covered(b, -n));
   if (!inside) return n;
   double gap = kInfinity;
-  for (const Touch& t : touches) gap = std::min(gap, t.gap);
+  for (const ManifoldPoint& t : touches) gap = std::min(gap, t.gap);
   // Of the triangles of a surface: what leaves a column by its side far sooner than by its top is in the neighbour's solid.
   constexpr double kSooner = 4, kSlack = 1e-4;  // of the smaller one's size
   const double slack = kSlack * std::min(a.convex->extent.norm() + a.convex->round, b.convex->extent.norm() + b.convex->round);
@@ -76,7 +76,8 @@ Vector3d Pair::find(const Placed& a, const Placed& b, double margin, std::vector
 }
 
 /// For shapes that share faces with others of their body: uses the normals of uncovered faces only, if the gap is `least` or more.
-Vector3d Pair::find_on_uncovered(const Placed& a, const Placed& b, double margin, double least, std::vector<Touch>& touches) {
+Vector3d Pair::find_on_uncovered(const Placed& a, const Placed& b, double margin, double least,
+                                 std::vector<ManifoldPoint>& touches) {
   touches.clear();
   Separation best;
   best.gap = -kInfinity;
@@ -94,7 +95,7 @@ Vector3d Pair::find_on_uncovered(const Placed& a, const Placed& b, double margin
 }
 
 /// Finds the points of a pair whose cores are in ascending order.
-Vector3d Pair::find_ordered(const Placed& a, const Placed& b, double margin, std::vector<Touch>& touches) {
+Vector3d Pair::find_ordered(const Placed& a, const Placed& b, double margin, std::vector<ManifoldPoint>& touches) {
   const double round_a = a.convex->round, round_b = b.convex->round;
   if (a.convex->core == Core::kPlane) {
     const Vector3d n = a.R.col(2);
@@ -156,7 +157,8 @@ Separation Pair::improve(const Placed& a, const Placed& b, const Separation& sta
 }
 
 /// Adds the features' points along s.n, and the nearest points unless these are among them. Returns whether they are.
-bool Pair::add_points(const Placed& a, const Placed& b, const Separation& s, double margin, std::vector<Touch>& touches) {
+bool Pair::add_points(const Placed& a, const Placed& b, const Separation& s, double margin,
+                      std::vector<ManifoldPoint>& touches) {
   const double round_a = a.convex->round, round_b = b.convex->round;
   const double deepest = manifold_.find(a, b, s.n, margin, touches);
   const double kRounding = 1e-9 * std::min(a.convex->extent.norm(), b.convex->extent.norm());

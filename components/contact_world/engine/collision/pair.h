@@ -13,13 +13,14 @@ class Pair {
   void reserve(std::size_t corners);
 
   /// Replaces `touches` by the points with a gap below `margin`; returns the pair's normal from a to b.
-  Eigen::Vector3d find(const Placed& a, const Placed& b, double margin, std::vector<Touch>& touches);
+  Eigen::Vector3d find(const Placed& a, const Placed& b, double margin, std::vector<ManifoldPoint>& touches);
 
  private:
-  Eigen::Vector3d find_ordered(const Placed& a, const Placed& b, double margin, std::vector<Touch>& touches);
-  Eigen::Vector3d find_on_uncovered(const Placed& a, const Placed& b, double margin, double least, std::vector<Touch>& touches);
+  Eigen::Vector3d find_ordered(const Placed& a, const Placed& b, double margin, std::vector<ManifoldPoint>& touches);
+  Eigen::Vector3d find_on_uncovered(const Placed& a, const Placed& b, double margin, double least,
+                                    std::vector<ManifoldPoint>& touches);
   Separation improve(const Placed& a, const Placed& b, const Separation& start, bool& certain);
-  bool add_points(const Placed& a, const Placed& b, const Separation& s, double margin, std::vector<Touch>& touches);
+  bool add_points(const Placed& a, const Placed& b, const Separation& s, double margin, std::vector<ManifoldPoint>& touches);
 
   Manifold manifold_;
   Feature scratch_;

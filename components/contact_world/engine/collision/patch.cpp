@@ -266,7 +266,7 @@ void Patch::add_piece(const Placed& base, const Placed& piece, double level) {
   }
 }
 
-void Patch::emit(bool swapped, bool round, const Vector2d* line, std::vector<Touch>& touches) const {
+void Patch::emit(bool swapped, bool round, const Vector2d* line, std::vector<ManifoldPoint>& touches) const {
   const double A = sums_.area, mean = sums_.volume / A;
   const Vector2d c = round ? Vector2d(sums_.load / sums_.volume) : Vector2d(sums_.first / A);
   Matrix2d S = sums_.second / A - c * c.transpose();
@@ -297,27 +297,27 @@ void Patch::emit(bool swapped, bool round, const Vector2d* line, std::vector<Tou
   for (int k = 0; k < count; ++k) {
     const Vector2d step = (k % 2 == 0 ? 1 : -1) * e1 + (k < 2 ? 1 : -1) * e2;
     const Vector2d u = c + step;
-    Touch touch;
+    ManifoldPoint touch;
     touch.load = mean + slope.dot(step);
     const double depth = touch.load + bulge;
     const Vector2d place = u + origin_;
     touch.p = place.x() * t1_ + place.y() * t2_ + (base_at(u) - depth / 2) * n_;
     touch.n = swapped ? Vector3d(-n_) : n_;
     touch.gap = -depth;
-    touch.id = touch_id(Part::kFace, static_cast<std::uint32_t>(k), Part::kFace, 0);
+    touch.id = feature_pair_id(Part::kFace, static_cast<std::uint32_t>(k), Part::kFace, 0);
     touch.area = A / count;
     touch.share = 1.0 / count;
     linear += touch.area * touch.load * touch.load;
     touches.push_back(touch);
   }
   const double spread = linear > 0 ? std::max(1.0, sums_.square / linear) : 1;
-  for (Touch& touch : touches) touch.spread = spread;
+  for (ManifoldPoint& touch : touches) touch.spread = spread;
 }
 
 void Patch::find(const Placed& a, const Placed& b, bool prefer_b, const Vector3d& n, double margin,
-                 std::vector<Touch>& touches) {
+                 std::vector<ManifoldPoint>& touches) {
   double gap = touches[0].gap;
-  for (const Touch& touch : touches) gap = std::min(gap, touch.gap);
+  for (const ManifoldPoint& touch : touches) gap = std::min(gap, touch.gap);
   const double of_a = alignment(a, n), of_b = alignment(b, -n);
   const bool swapped = prefer_b ? of_b > of_a - kAlike : of_b > of_a + kAlike;
   const Placed &base = swapped ? b : a, &piece = swapped ? a : b;
@@ -338,7 +338,7 @@ void Patch::find(const Placed& a, const Placed& b, bool prefer_b, const Vector3d
   if (sums_.area > kLeastArea) {
     emit(swapped, round, lies ? &line : nullptr, touches);
   } else {
-    for (Touch& touch : touches) touch.share = 1.0 / static_cast<double>(touches.size());
+    for (ManifoldPoint& touch : touches) touch.share = 1.0 / static_cast<double>(touches.size());
   }
 }
 

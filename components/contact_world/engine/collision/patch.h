@@ -24,7 +24,7 @@ class Patch {
   /// Replaces the points of the pair, which has the normal n from a to b, and at least one point. Open pairs: the region that
   /// comes to a gap below the smallest one plus `margin` (m). `prefer_b`: b is the plane where both shapes have a face.
   void find(const Placed& a, const Placed& b, bool prefer_b, const Eigen::Vector3d& n, double margin,
-            std::vector<Touch>& touches);
+            std::vector<ManifoldPoint>& touches);
 
  private:
   struct Point {
@@ -48,7 +48,7 @@ class Patch {
   void add_side(const Placed& piece, double radius, double level);
   void add_ellipsoid(const Eigen::Vector3d& centre, const Eigen::Vector3d& extent, const Eigen::Matrix3d& R, double share);
   void add_piece(const Placed& base, const Placed& piece, double level);
-  void emit(bool swapped, bool round, const Eigen::Vector2d* line, std::vector<Touch>& touches) const;
+  void emit(bool swapped, bool round, const Eigen::Vector2d* line, std::vector<ManifoldPoint>& touches) const;
 
   Eigen::Vector3d n_, t1_, t2_;  // right-handed frame, n_ from the base to the piece
   Eigen::Vector2d origin_;       // across n_, near the region: its moments about a far one would cancel

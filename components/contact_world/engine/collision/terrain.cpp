@@ -166,7 +166,7 @@ void Terrain::reserve(std::size_t corners, std::size_t points) {
   of_plane_.reserve(points);
 }
 
-void Terrain::find(const Placed& a, const Placed& b, Kind kind, double margin, std::vector<Touch>& touches) {
+void Terrain::find(const Placed& a, const Placed& b, Kind kind, double margin, std::vector<ManifoldPoint>& touches) {
   touches.clear();
   const bool of_a = a.convex->core == Core::kHeights;
   const Placed &field = of_a ? a : b, &piece = of_a ? b : a;
@@ -183,7 +183,7 @@ void Terrain::find(const Placed& a, const Placed& b, Kind kind, double margin, s
     const Vector3d n = pair_.find(first, second, margin, of_column_);
     if (kind != Kind::kPoints && !of_column_.empty())
       patch_.find(first, second, kind == Kind::kPatchOnB, n, margin, of_column_);
-    for (Touch& touch : of_column_) {
+    for (ManifoldPoint& touch : of_column_) {
       touch.id = with_number(touch.id, columns.number(), of_a);
       touches.push_back(touch);
     }
@@ -192,18 +192,20 @@ void Terrain::find(const Placed& a, const Placed& b, Kind kind, double margin, s
 }
 
 /// `side`: -1 if the field is a, otherwise 1.
-void Terrain::choose_in_planes(double side, std::vector<Touch>& touches) {
+void Terrain::choose_in_planes(double side, std::vector<ManifoldPoint>& touches) {
   constexpr std::size_t kOfFace = 4;
   if (touches.size() <= kOfFace) return;
-  constexpr double kParallel = 1e-12, kSame = 1e-8;                                                      // 1 − cosine; m
-  const auto height = [&](const Touch& t, const Vector3d& n) { return n.dot(t.p) + side * t.gap / 2; };  // of the ground
+  constexpr double kParallel = 1e-12, kSame = 1e-8;  // 1 − cosine; m
+  const auto height = [&](const ManifoldPoint& t, const Vector3d& n) {
+    return n.dot(t.p) + side * t.gap / 2;
+  };  // of the ground
   rest_.swap(touches);
   touches.clear();
   while (!rest_.empty()) {
-    const Touch first = rest_.front();
+    const ManifoldPoint first = rest_.front();
     of_plane_.clear();
     std::size_t left = 0;
-    for (const Touch& t : rest_) {
+    for (const ManifoldPoint& t : rest_) {
       const bool same = first.n.dot(t.n) >= 1 - kParallel && std::abs(height(t, first.n) - height(first, first.n)) <= kSame;
       if (same) {
         of_plane_.push_back(t);

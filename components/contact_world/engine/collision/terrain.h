@@ -55,16 +55,16 @@ class Terrain {
 
   /// Replaces `touches` by the points with a gap below `margin`; a or b is the field. The points of columns in one plane are those
   /// of one face, four at most, except those of patches.
-  void find(const Placed& a, const Placed& b, Kind kind, double margin, std::vector<Touch>& touches);
+  void find(const Placed& a, const Placed& b, Kind kind, double margin, std::vector<ManifoldPoint>& touches);
 
  private:
-  void choose_in_planes(double side, std::vector<Touch>& touches);
+  void choose_in_planes(double side, std::vector<ManifoldPoint>& touches);
 
   Convex column_;
   Pair pair_;
   Patch patch_;
   Manifold manifold_;
-  std::vector<Touch> of_column_, rest_, of_plane_;
+  std::vector<ManifoldPoint> of_column_, rest_, of_plane_;
 };
 
 /// Half sizes of a piece's bounding box along the axes of a frame in which it is turned by R.

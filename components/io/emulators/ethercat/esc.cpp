@@ -198,7 +198,7 @@ void Esc::advance(std::int64_t now) {
   if (counter != 0xff) ++counter;
 }
 
-bool Esc::take_al_request() {
+bool Esc::pop_al_request() {
   const bool request = al_request_;
   al_request_ = false;
   return request;
@@ -223,7 +223,7 @@ bool Esc::set_inputs(int n, std::span<const std::uint8_t> data) {
   return true;
 }
 
-std::span<const std::uint8_t> Esc::take_mail(int n) {
+std::span<const std::uint8_t> Esc::read_mail(int n) {
   SyncManager& s = sync_managers_[static_cast<std::size_t>(n)];
   if (!s.enabled || !s.mailbox() || !s.master_writes() || !s.written) return {};
   s.written = false;

@@ -64,7 +64,7 @@ class Esc {
   // ------------------------------------------------------------------------------------------------- the application (PDI)
   std::uint16_t al_control() const { return word(reg::kAlControl); }
   /// Whether AL control was written since the last call.
-  bool take_al_request();
+  bool pop_al_request();
   void set_al_status(std::uint16_t status, AlCode code);
   std::uint16_t al_status() const { return word(reg::kAlStatus); }
   bool watchdog_expired() const { return watchdog_expired_; }
@@ -89,7 +89,7 @@ class Esc {
   /// data.size() long.
   bool set_inputs(int n, std::span<const std::uint8_t> data);
   /// The mail in mailbox n that the master wrote, and makes room for the next; empty: none. Valid until the next frame.
-  std::span<const std::uint8_t> take_mail(int n);
+  std::span<const std::uint8_t> read_mail(int n);
   /// Puts a mail into mailbox n for the master. Returns false if it is full, off or too short.
   bool put_mail(int n, std::span<const std::uint8_t> mail);
   /// Whether the master requests the last mail of mailbox n again. put_mail() answers it.

@@ -177,7 +177,7 @@ double ServoDrive::within_limits(double position) const {
 }
 
 /// The way to a new target takes as long as the last one was valid.
-void ServoDrive::take_target(const Targets& t, std::int64_t now) {
+void ServoDrive::set_target(const Targets& t, std::int64_t now) {
   const double target = within_limits(t.position) - offset_;
   limited_ = within_limits(t.position) != t.position;
   if (interval_ == 0) {
@@ -235,7 +235,7 @@ void ServoDrive::update(std::int64_t now) {
   }
   const Targets t = targets();
   obey(t);
-  if (drive_ == DriveState::kOperationEnabled && mode_ == Mode::kPosition) take_target(t, now);
+  if (drive_ == DriveState::kOperationEnabled && mode_ == Mode::kPosition) set_target(t, now);
   now_ = std::max(now_, now - kLongestGap);
   while (now_ < now) {
     const std::int64_t step = std::min(kStep, now - now_);

@@ -58,7 +58,7 @@ class ServoDrive final : public Slave {
   Targets targets() const;
   void obey(const Targets& t);
   void fail(std::uint16_t code);
-  void take_target(const Targets& t, std::int64_t now);
+  void set_target(const Targets& t, std::int64_t now);
   void move(const Targets& t, std::int64_t now, double h);
   double acceleration(const Targets& t, std::int64_t now) const;
   void home(const Targets& t);

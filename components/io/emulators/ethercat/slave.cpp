@@ -123,7 +123,7 @@ void Slave::enter(State state, AlCode code) {
 }
 
 void Slave::serve_state(std::int64_t now) {
-  if (esc_.take_al_request()) {
+  if (esc_.pop_al_request()) {
     const std::uint16_t control = esc_.al_control(), value = control & kStateBits;
     if (copies_states_) {
       if (is_state(value)) state_ = static_cast<State>(value);
@@ -223,7 +223,7 @@ void Slave::serve_mailbox() {
   }
   if (reply_.empty()) reply_ = coe_->next_part();
   if (reply_.empty()) {
-    const auto mail = esc_.take_mail(out);
+    const auto mail = esc_.read_mail(out);
     if (!mail.empty()) reply_ = coe_->answer(mail);
   }
   if (!reply_.empty() && esc_.put_mail(in, reply_)) sent_ = std::exchange(reply_, {});

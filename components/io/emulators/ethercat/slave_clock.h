@@ -44,13 +44,10 @@ class SlaveClock {
   void set_offset(std::uint64_t offset) { offset_ = offset; }
   std::uint32_t delay() const { return delay_; }  // 0x0928
   void set_delay(std::uint32_t delay) { delay_ = delay; }
-  std::uint32_t difference() const;                                     // 0x092C
-  std::uint16_t speed_start() const { return speed_start_; }            // 0x0930
-  void set_speed_start(std::uint16_t start, std::int64_t now);          // restarts the loop
-  std::int16_t speed_difference() const { return speed_; }              // 0x0932
-  std::uint8_t difference_filter() const { return difference_depth_; }  // 0x0934
-  std::uint8_t speed_filter() const { return speed_depth_; }            // 0x0935
-  void set_filters(std::uint8_t difference_depth, std::uint8_t speed_depth);
+  std::uint32_t difference() const;                                           // 0x092C
+  void set_speed_start(std::uint16_t start, std::int64_t now);                // 0x0930: restarts the loop
+  std::int16_t speed_difference() const { return speed_; }                    // 0x0932
+  void set_filters(std::uint8_t difference_depth, std::uint8_t speed_depth);  // 0x0934, 0x0935
 
   /// 0x0981, 0x0990, 0x09A0, 0x09A4. SYNC0 begins when the system time reaches `start`; a start in the past never comes.
   void activate_sync(std::uint8_t activation, std::uint64_t start, std::uint32_t cycle0, std::uint32_t cycle1,

@@ -99,8 +99,6 @@ struct ControllerStatistics {
   std::array<std::uint64_t, kDrops> drops{};         // by reason
   Moments latency;                                   // s, from a message to its answer
   TimeHistogram answer_time;
-  /// Messages that did not reach the client, as far as the counters show it: unanswered without a gap in the commands.
-  std::uint64_t monitoring_lost() const { return missing > commands.lost() ? missing - commands.lost() : 0; }
 };
 
 /// The robot's side of a session: an emulated controller. States:

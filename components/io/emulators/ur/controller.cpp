@@ -71,7 +71,7 @@ void Controller::handle(std::size_t client, const PackageReader::Raw& package) {
     case Package::kText:
       return;
     case Package::kData:
-      return take_inputs(c, package.contents);
+      return read_inputs(c, package.contents);
     case Package::kSetupOutputs:
       return set_up_outputs(client, package.contents);
     case Package::kSetupInputs:
@@ -190,7 +190,7 @@ void Controller::set_up_inputs(std::size_t client, std::span<const std::uint8_t>
   std::ranges::copy(types_, at);
 }
 
-void Controller::take_inputs(Client& c, std::span<const std::uint8_t> contents) {
+void Controller::read_inputs(Client& c, std::span<const std::uint8_t> contents) {
   const std::size_t id = contents.empty() ? 0 : contents[0];
   if (!c.started || id == 0 || id > c.input_recipes ||
       read_values(c.inputs[id - 1], contents.subspan(1), values_) != Fault::kNone) {

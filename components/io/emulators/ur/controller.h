@@ -92,7 +92,7 @@ class Controller {
   void set_up_outputs(std::size_t client, std::span<const std::uint8_t> contents);
   void set_up_inputs(std::size_t client, std::span<const std::uint8_t> contents);
   bool read_names(std::size_t client, std::string_view names, bool inputs, Recipe& recipe);
-  void take_inputs(Client& c, std::span<const std::uint8_t> contents);
+  void read_inputs(Client& c, std::span<const std::uint8_t> contents);
   void apply(const Recipe& recipe);
   void say(Client& c, std::string_view text, Level level);
 

@@ -9,11 +9,11 @@ namespace cotwin::ethercat {
 
 namespace {
 
-constexpr std::uint8_t kErrands = 0x80;       // indices of errands begin here
+constexpr std::uint8_t kAcyclic = 0x80;       // indices of acyclic requests begin here
 constexpr int kMostFrames = 64;               // that a cycle reads
 constexpr int kAnswersElsewhere = 50;         // of the reference clock in a row after which a step of it is followed
 constexpr std::int64_t kRetry = 100'000'000;  // ns from a failed recovery to the next attempt
-constexpr int kTurns = 4;                     // every which errand is for the states, while slaves are brought back
+constexpr int kTurns = 4;                     // every which acyclic request is for the states, while slaves are brought back
 constexpr std::int64_t kAnswer = 5'000'000;   // ns that an answer may take at the end of operation
 constexpr std::uint8_t kAllOp = static_cast<std::uint8_t>(State::kOp);
 
@@ -52,7 +52,7 @@ void Master::cycle(Wire& wire) {
   collect(wire, 0);
   const std::int64_t now = wire.now();
   if (sent_) close_cycle(now);
-  if (errand_open_) take_errand(false, 0, {}, now);
+  if (acyclic_open_) read_acyclic(false, 0, {}, now);
   choose_errand(now);
   send_frames(wire);
   send_errand(wire);
@@ -78,17 +78,17 @@ void Master::take(std::span<const std::uint8_t> frame, std::int64_t now) {
     ++counters_.foreign;
     return;
   }
-  if (d.index >= kErrands) {
+  if (d.index >= kAcyclic) {
     if (!is_errand(d)) {
       ++counters_.foreign;
-    } else if (errand_open_ && d.index == errand_index_) {
-      take_errand(true, d.working_counter, reader.data(d), now);
+    } else if (acyclic_open_ && d.index == acyclic_index_) {
+      read_acyclic(true, d.working_counter, reader.data(d), now);
     } else {
       ++counters_.late;
     }
     return;
   }
-  take_cyclic(FrameReader(frame), d.index, std::max(now, frames_[0].sent));
+  read_cyclic(FrameReader(frame), d.index, std::max(now, frames_[0].sent));
 }
 
 /// Whether the datagrams of an answer are those that are sent for a segment in this cycle or in another one. Slaves change the address of
@@ -133,15 +133,15 @@ bool Master::is_intact(const FrameReader& frame, std::size_t segment) const {
   return true;
 }
 
-/// Whether a datagram is that of the last errand with its index. Slaves change the position in the address, and the offset never.
+/// Whether a datagram is that of the last acyclic request with its index. Slaves change the position in the address, and the offset never.
 bool Master::is_errand(const Datagram& d) const {
-  const Datagram& sent = errands_sent_[d.index - kErrands];
+  const Datagram& sent = acyclic_sent_[d.index - kAcyclic];
   const bool by_position = d.command == Command::kAprd || d.command == Command::kApwr || d.command == Command::kBwr;
   return d.command == sent.command && d.length == sent.length &&
          (by_position ? d.offset() == sent.offset() : d.address == sent.address);
 }
 
-void Master::take_cyclic(const FrameReader& frame, std::uint8_t index, std::int64_t now) {
+void Master::read_cyclic(const FrameReader& frame, std::uint8_t index, std::int64_t now) {
   std::size_t segment = 0;
   while (segment < frames_.size() && !is_answer(frame, segment)) ++segment;
   if (segment == frames_.size()) {
@@ -165,7 +165,7 @@ void Master::take_cyclic(const FrameReader& frame, std::uint8_t index, std::int6
   while (reader.next(d)) {
     const std::span<const std::uint8_t> data = reader.data(d);
     if (d.command == time_command_) {
-      take_system_time(load<std::int64_t>(data.data()), d.working_counter, now);
+      read_system_time(load<std::int64_t>(data.data()), d.working_counter, now);
     } else if (d.command == Command::kBrd) {
       states_ = data[0];
       answering_ = d.working_counter;
@@ -187,7 +187,7 @@ void Master::take_cyclic(const FrameReader& frame, std::uint8_t index, std::int6
 /// The time of the reference clock, if it is plausible: a reference that was switched off answers with the time since then, and the writes of
 /// the others count even if it does not answer at all. After a gap in the host's clock (a suspended machine) it is never plausible again,
 /// so that of a reference which did not restart is taken when it has gone on evenly for a while.
-void Master::take_system_time(std::int64_t time, std::uint16_t working_counter, std::int64_t now) {
+void Master::read_system_time(std::int64_t time, std::uint16_t working_counter, std::int64_t now) {
   const std::int64_t middle = std::min(frames_[0].sent + (now - frames_[0].sent) / 2, now);
   if (working_counter == 0 || (time_command_ == Command::kFrmw && time == sent_time_)) return;
   if (!time_.is_plausible(time, middle)) {
@@ -236,7 +236,7 @@ bool Master::all_in_op() const {
 }
 
 void Master::send_frames(Wire& wire) {
-  index_ = static_cast<std::uint8_t>((index_ + 1) % kErrands);
+  index_ = static_cast<std::uint8_t>((index_ + 1) % kAcyclic);
   // A reference that is away or not yet set again must not pass its time on. Whether it is there, the last cycle has shown; if it has
   // gone since then, the others take over what is sent: the extrapolated time.
   const bool distributes = std::exchange(reference_read_, false) && !status_[static_cast<std::size_t>(bus_.reference)].down &&
@@ -289,7 +289,7 @@ bool Master::choose_recovery() {
     const Recovery& r = recoveries_[slave];
     if (r.way == Way::kNone || (latched && r.sequence.latches())) continue;
     recovering_ = slave;
-    errand_ = Errand::kSequence;
+    acyclic_ = AcyclicRequest::kSequence;
     return true;
   }
   return false;
@@ -303,7 +303,7 @@ void Master::choose_errand(std::int64_t now) {
     const bool lost_place = r.way == Way::kAddress && answering_ != static_cast<int>(slaves);
     if (r.way != Way::kNone && (lost_place || r.sequence.status() != Sequence::Status::kBusy)) end_sequence(i, now);
   }
-  errand_ = Errand::kNone;
+  acyclic_ = AcyclicRequest::kNone;
   turn_ = (turn_ + 1) % kTurns;
   if (turn_ != 0 && choose_recovery()) return;
   // A slave that gets its address does not answer under it yet.
@@ -316,47 +316,47 @@ void Master::choose_errand(std::int64_t now) {
     return;
   }
   if (watching_) {
-    errand_ = Errand::kState;
+    acyclic_ = AcyclicRequest::kState;
   } else if (bus_.reference >= 0) {
     if (looked_at_ == 0) clock_difference_ = std::exchange(difference_, 0);
     const BusSlave& s = bus_.slaves[looked_at_];
-    if (s.found.ports.has_clock && !s.times.is_reference) errand_ = Errand::kDifference;
+    if (s.found.ports.has_clock && !s.times.is_reference) acyclic_ = AcyclicRequest::kDifference;
   }
 }
 
 void Master::send_errand(Wire& wire) {
-  if (errand_ == Errand::kNone) return;
-  errand_index_ = static_cast<std::uint8_t>(kErrands | (errand_index_ + 1));
+  if (acyclic_ == AcyclicRequest::kNone) return;
+  acyclic_index_ = static_cast<std::uint8_t>(kAcyclic | (acyclic_index_ + 1));
   FrameWriter writer(buffer_);
   writer.begin();
   const std::uint16_t station = bus_.slaves[looked_at_].found.station;
-  Datagram& d = errands_sent_[errand_index_ - kErrands];
-  if (errand_ == Errand::kSequence) {
+  Datagram& d = acyclic_sent_[acyclic_index_ - kAcyclic];
+  if (acyclic_ == AcyclicRequest::kSequence) {
     const Sequence& sequence = recoveries_[recovering_].sequence;
     d.command = sequence.command();
     d.address = sequence.address();
     d.length = sequence.data().size();
-    writer.add(d.command, errand_index_, d.address, sequence.data());
+    writer.add(d.command, acyclic_index_, d.address, sequence.data());
   } else {
-    const bool state = errand_ == Errand::kState;
+    const bool state = acyclic_ == AcyclicRequest::kState;
     d.command = Command::kFprd;
     d.address = at_station(station, state ? reg::kAlStatus : reg::kSystemTimeDifference);
     d.length = state ? 6 : 4;
-    writer.add(d.command, errand_index_, d.address, d.length);
+    writer.add(d.command, acyclic_index_, d.address, d.length);
   }
-  errand_open_ = true;
+  acyclic_open_ = true;
   if (!wire.send(writer.finish())) ++counters_.unsent;
 }
 
-void Master::take_errand(bool answered, std::uint16_t working_counter, std::span<const std::uint8_t> data, std::int64_t now) {
-  errand_open_ = false;
-  if (errand_ == Errand::kSequence) {
+void Master::read_acyclic(bool answered, std::uint16_t working_counter, std::span<const std::uint8_t> data, std::int64_t now) {
+  acyclic_open_ = false;
+  if (acyclic_ == AcyclicRequest::kSequence) {
     recoveries_[recovering_].sequence.receive(answered, working_counter, data, time_, now);
   } else if (!answered) {
     return;
-  } else if (errand_ == Errand::kState && data.size() == 6) {
+  } else if (acyclic_ == AcyclicRequest::kState && data.size() == 6) {
     see_state(working_counter == 1, data, now);
-  } else if (errand_ == Errand::kDifference && data.size() == 4 && working_counter == 1) {
+  } else if (acyclic_ == AcyclicRequest::kDifference && data.size() == 4 && working_counter == 1) {
     const std::int64_t now_reported = load<std::uint32_t>(data.data()) & 0x7fffffffu;
     const std::int64_t before = std::exchange(reported_[looked_at_], now_reported);
     difference_ = std::max(difference_, std::min(before, now_reported));
@@ -426,17 +426,17 @@ void Master::end_sequence(std::size_t slave, std::int64_t now) {
 /// Sends one broadcast and waits for its answer until `deadline`. Returns the working counter; nothing without an answer.
 std::optional<std::uint16_t> Master::ask(Wire& wire, Command command, std::uint16_t offset, std::span<std::uint8_t> data,
                                          std::int64_t deadline) {
-  errand_index_ = static_cast<std::uint8_t>(kErrands | (errand_index_ + 1));
+  acyclic_index_ = static_cast<std::uint8_t>(kAcyclic | (acyclic_index_ + 1));
   FrameWriter writer(buffer_);
   writer.begin();
-  writer.add(command, errand_index_, at_position(0, offset), data);
+  writer.add(command, acyclic_index_, at_position(0, offset), data);
   wire.send(writer.finish());
   const std::int64_t end = std::min(wire.now() + kAnswer, deadline);
   do {
     const std::size_t size = wire.receive(buffer_, end);
     FrameReader reader(std::span<const std::uint8_t>(buffer_).first(size));
     Datagram d;
-    if (size == 0 || !reader.next(d) || d.index != errand_index_ || d.command != command || d.length != data.size()) continue;
+    if (size == 0 || !reader.next(d) || d.index != acyclic_index_ || d.command != command || d.length != data.size()) continue;
     const std::span<const std::uint8_t> answer = reader.data(d);
     std::copy(answer.begin(), answer.end(), data.begin());
     return d.working_counter;
@@ -465,7 +465,7 @@ bool Master::stop(Wire& wire) {
   operational_ = false;
   const std::int64_t begin = wire.now();
   for (Recovery& r : recoveries_) r.way = Way::kNone;
-  errand_open_ = false;
+  acyclic_open_ = false;
   for (int n = 0; n < 3; ++n) {
     send_frames(wire);
     if (collect(wire, wire.now() + kAnswer)) break;

@@ -93,7 +93,7 @@ class Master {
     bool complete = false;  // with the expected working counters
   };
   /// What the datagram beside the cyclic ones is for.
-  enum class Errand : std::uint8_t { kNone, kState, kSequence, kDifference };
+  enum class AcyclicRequest : std::uint8_t { kNone, kState, kSequence, kDifference };
   /// The steps that bring a slave back.
   enum class Way : std::uint8_t { kNone, kAddress, kStart, kRun };
   struct Recovery {
@@ -108,9 +108,9 @@ class Master {
   bool is_answer(FrameReader reader, std::size_t segment) const;
   bool is_intact(const FrameReader& frame, std::size_t segment) const;
   bool is_errand(const Datagram& d) const;
-  void take_cyclic(const FrameReader& frame, std::uint8_t index, std::int64_t now);
-  void take_system_time(std::int64_t time, std::uint16_t working_counter, std::int64_t now);
-  void take_errand(bool answered, std::uint16_t working_counter, std::span<const std::uint8_t> data, std::int64_t now);
+  void read_cyclic(const FrameReader& frame, std::uint8_t index, std::int64_t now);
+  void read_system_time(std::int64_t time, std::uint16_t working_counter, std::int64_t now);
+  void read_acyclic(bool answered, std::uint16_t working_counter, std::span<const std::uint8_t> data, std::int64_t now);
   void close_cycle(std::int64_t now);
   bool all_in_op() const;
   void send_frames(Wire& wire);
@@ -135,7 +135,7 @@ class Master {
   std::vector<Recovery> recoveries_;  // per slave
   Counters counters_;
   std::array<std::uint8_t, kLongestFrame> buffer_{};
-  std::uint8_t index_ = 0;  // of the cyclic datagrams: 0 to 127; errands have 128 to 255
+  std::uint8_t index_ = 0;  // of the cyclic datagrams: 0 to 127; acyclic requests have 128 to 255
   bool sent_ = false;       // a cycle waits for answers
   bool operational_ = false, fresh_ = false, held_ = false;
   bool watching_ = true;  // something is wrong: the states of the slaves are read one by one
@@ -153,13 +153,13 @@ class Master {
   std::int64_t clock_difference_ = 0, difference_ = 0;  // of the last round over the slaves, of this one
   std::vector<std::int64_t> reported_;                  // ns, by each slave before
 
-  Errand errand_ = Errand::kNone;
-  bool errand_open_ = false;  // it waits for its answer
-  std::uint8_t errand_index_ = 128;
-  std::array<Datagram, 128> errands_sent_;  // the last ones, by their indices
+  AcyclicRequest acyclic_ = AcyclicRequest::kNone;
+  bool acyclic_open_ = false;  // it waits for its answer
+  std::uint8_t acyclic_index_ = 128;
+  std::array<Datagram, 128> acyclic_sent_;  // the last ones, by their indices
   std::size_t looked_at_ = 0;               // slave of kState and kDifference
   std::size_t recovering_ = 0;              // slave of kSequence
-  int turn_ = 0;                            // errands since the last one for the states, while slaves are brought back
+  int turn_ = 0;                            // acyclic requests since the last one for the states, while slaves are brought back
 };
 
 }  // namespace cotwin::ethercat

@@ -86,7 +86,7 @@ bool Sequence::note_absence(std::int64_t now) {
   return absent_ = refusals_ >= kMostRefusals && now - refused_since_ >= kAbsent;
 }
 
-void Sequence::take_value(std::span<const std::uint8_t> answer, std::int64_t now) {
+void Sequence::read_value(std::span<const std::uint8_t> answer, std::int64_t now) {
   switch (step().kind) {
     case Step::Kind::kLatch:
       latched_at_ = now;
@@ -153,7 +153,7 @@ Sequence::Status Sequence::receive(bool answered, std::uint16_t working_counter,
     }
     return status_;
   }
-  take_value(answer, now);
+  read_value(answer, now);
   if (++at_ == steps_.size()) {
     --at_;
     return status_ = Status::kDone;

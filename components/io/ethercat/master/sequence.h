@@ -97,7 +97,7 @@ class Sequence {
   const Step& step() const { return steps_[at_]; }
   Status fail() { return status_ = Status::kFailed; }
   bool note_absence(std::int64_t now);
-  void take_value(std::span<const std::uint8_t> answer, std::int64_t now);
+  void read_value(std::span<const std::uint8_t> answer, std::int64_t now);
   void prepare(const BusTime& time);
   bool fits(std::span<const std::uint8_t> answer, const BusTime& time) const;
   void go_back(const BusTime& time);

@@ -68,7 +68,7 @@ struct Axes {
   }
   std::vector<std::string> told() {
     std::vector<std::string> sentences;
-    instance.unit->tell(sentences);
+    instance.unit->append_notes(sentences);
     return sentences;
   }
   void forget() { fastest = hardest = 0; }

@@ -264,7 +264,7 @@ TEST(EtherCatDriveStops, ALongStepIsNoSpeedOfAnEncoder) {
   EXPECT_NEAR(fastest, 0.3, 1.01e-2) << "one count per ms";
   EXPECT_NEAR(slowest, 0.3, 1.01e-2);
   std::vector<std::string> sentences;
-  io.unit->tell(sentences);
+  io.unit->append_notes(sentences);
   EXPECT_THAT(sentences, Not(Contains(HasSubstr("counters that no motion explains"))));
 }
 

@@ -103,7 +103,7 @@ TEST(EtherCatDrives, AllStopAtAFaultOfOneUntilItIsAcknowledged) {
   EXPECT_GT(a.axis(0), rest[0] + 0.05);
   EXPECT_LT(a.hardest, 2 * 20.0);
   std::vector<std::string> sentences;
-  a.instance.unit->tell(sentences);
+  a.instance.unit->append_notes(sentences);
   EXPECT_THAT(sentences, Contains("the drives were stopped 1 times, last because drive q2 left Operation enabled by itself"));
 }
 

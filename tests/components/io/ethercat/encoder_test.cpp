@@ -139,7 +139,7 @@ TEST(EtherCatEncoder, MeasuresTheSpeedOverTheTimeThatHasPassed) {
   for (int i = 0; i < 100; ++i) {
     loop.terminal.axis += 5;
     loop.step(i % 10 > 6 ? Loop::Cycle::kAnswerLost : Loop::Cycle::kGood);
-    if (const auto speed = loop.encoder.take_speed()) {
+    if (const auto speed = loop.encoder.pop_speed()) {
       EXPECT_NEAR(speed->value, 5000, 1e-6);  // 5 counts per ms
     }
   }

@@ -283,8 +283,8 @@ TEST(Controller, AMailboxIsFullUntilItIsRead) {
   EXPECT_EQ(w.write_bytes(kFirst, 0x1000, {1, 2, 3, 4, 5, 6, 7, 8}), 1);
   EXPECT_TRUE(full(0));
   EXPECT_EQ(w.write_bytes(kFirst, 0x1000, {9, 9, 9, 9, 9, 9, 9, 9}), 0);
-  EXPECT_THAT(esc.take_mail(0), ElementsAre(1, 2, 3, 4, 5, 6, 7, 8));
-  EXPECT_TRUE(esc.take_mail(0).empty());
+  EXPECT_THAT(esc.read_mail(0), ElementsAre(1, 2, 3, 4, 5, 6, 7, 8));
+  EXPECT_TRUE(esc.read_mail(0).empty());
   EXPECT_FALSE(full(0));
   EXPECT_EQ(w.read(kFirst, 0x1080, 8).count, 0);
   EXPECT_TRUE(esc.put_mail(1, Bytes{3, 2, 1}));

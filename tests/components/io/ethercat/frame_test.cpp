@@ -90,7 +90,6 @@ TEST(Frame, FifteenDatagramsAreTheMost) {
   FrameWriter writer(buffer);
   writer.begin();
   for (std::size_t i = 0; i < kMostDatagrams; ++i) EXPECT_NE(writer.add(Command::kNop, 0, 0, 1), 0u);
-  EXPECT_EQ(writer.room(), 0u);
   EXPECT_EQ(writer.add(Command::kNop, 0, 0, 1), 0u);
   const auto frame = writer.finish();
   Bytes sixteen(frame.begin(), frame.end());
@@ -108,9 +107,7 @@ TEST(Frame, TheLongestDatumFillsTheFrameAndOneByteMoreDoesNotFit) {
   FrameWriter writer(buffer);
   writer.begin();
   EXPECT_EQ(writer.add(Command::kLrw, 0, 0, kLongestData + 1), 0u);
-  EXPECT_EQ(writer.room(), kLongestData);
   EXPECT_NE(writer.add(Command::kLrw, 0, 0, kLongestData), 0u);
-  EXPECT_EQ(writer.room(), 0u);
   const auto frame = writer.finish();
   EXPECT_EQ(frame.size(), kLongestFrame);
   EXPECT_EQ(fault_of({frame.begin(), frame.end()}), FrameFault::kNone);
@@ -150,7 +147,7 @@ TEST_P(Captures, DecodesCompletelyAndIsWrittenAgainByteByByte) {
       ++others;
       continue;
     }
-    ASSERT_EQ(reader.fault(), FrameFault::kNone) << describe(reader.fault());
+    ASSERT_EQ(reader.fault(), FrameFault::kNone);
     ++frames;
     FrameWriter writer(buffer);
     MacAddress source{}, destination{};

@@ -146,7 +146,7 @@ TEST(EtherCatLink, SwitchesOffAndTellsIfACableIsCutAndAPositionIsLost) {
   EXPECT_EQ(io.integer("recovered"), io.integer("slaves_lost"));
   EXPECT_TRUE(io.boolean("axis_uncertain"));
   std::vector<std::string> told;
-  io.instance.unit->tell(told);
+  io.instance.unit->append_notes(told);
   ASSERT_EQ(told.size(), 2u);
   EXPECT_THAT(told[0], HasSubstr("was not operational at some time"));
   EXPECT_THAT(told[1], HasSubstr("an encoder terminal was switched off and on"));
@@ -268,7 +268,7 @@ TEST(EtherCatLink, SwitchesOutputsOffAtTheEndOfTheRunAndMayBeStartedAgain) {
   EXPECT_FALSE(io.boolean("valves_field", 4));
   for (std::size_t i = 0; i < 4; ++i) EXPECT_EQ(io.integer("bus_state", i), 1) << i;
   std::vector<std::string> told;
-  io.instance.unit->tell(told);
+  io.instance.unit->append_notes(told);
   EXPECT_TRUE(told.empty());
   for (const bool ended : {true, false}) {
     if (ended) io.instance.unit->end();
@@ -291,7 +291,7 @@ TEST(EtherCatLink, TellsWhatIsWrongIfTheBusNeverBecomesOperational) {
   io.steps(200);
   io.instance.unit->end();
   std::vector<std::string> told;
-  io.instance.unit->tell(told);
+  io.instance.unit->append_notes(told);
   ASSERT_EQ(told.size(), 2u);
   EXPECT_EQ(told[0],
             "the bus was never operational, expected state 8 (OP) of all slaves: EK1100 8, EL1809 8, EL2809 0, EL5101 0");

@@ -59,7 +59,7 @@ struct Controlled {
   DatagramQueue& datagrams() { return *static_cast<DatagramQueue*>(instance.unit->tick_source()); }
   std::vector<std::string> sentences() {
     std::vector<std::string> all;
-    instance.unit->tell(all);
+    instance.unit->append_notes(all);
     return all;
   }
 

@@ -213,7 +213,7 @@ TEST_P(FriLink, HoldsWhenTheRobotIsSilentAndRecoversWithoutAStep) {
   EXPECT_EQ(s.twin.integer("state"), 0);
   EXPECT_NE(s.twin.instance.variables.at("warning").strings()[0], "");
   std::vector<std::string> sentences;
-  s.twin.instance.unit->tell(sentences);
+  s.twin.instance.unit->append_notes(sentences);
   EXPECT_THAT(sentences, ::testing::Contains(::testing::HasSubstr("silent 1 times")));
   // The robot goes on from where it is when somebody has acknowledged; the twin is 0.1 rad away meanwhile.
   const double rest = s.robot.real("q_command", 3);

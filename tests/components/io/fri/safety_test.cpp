@@ -345,7 +345,7 @@ TEST_P(FriSafety, CountsAnswersThatTheSystemDoesNotSend) {
   }
   EXPECT_EQ(rig.twin.integer("unsent"), 3);
   std::vector<std::string> sentences;
-  rig.twin.instance.unit->tell(sentences);
+  rig.twin.instance.unit->append_notes(sentences);
   EXPECT_THAT(sentences, ::testing::Contains("3 answers to the robot could not be sent"));
 }
 

@@ -301,7 +301,7 @@ TEST(RtdeLink, ASecondTwinMayWatchButNotCommand) {
     EXPECT_EQ(watcher.instance.unit->step(Time{s.n * s.h.ns}, s.h), StepResult::kDone);
     EXPECT_EQ(rival.instance.unit->step(Time{s.n * s.h.ns}, s.h), StepResult::kDone);
     std::vector<std::string> sentences;
-    rival.instance.unit->tell(sentences);
+    rival.instance.unit->append_notes(sentences);
     return watcher.integer("received") > 100 && sentences.at(0).find("another client writes input_") != std::string::npos;
   }));
   EXPECT_FALSE(rival.boolean("connected"));

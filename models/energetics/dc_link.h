@@ -14,7 +14,7 @@ enum class Bus {
 ///   C U U̇ = P_supply − P − P_chopper
 /// with the power P that the drives take. The diode rectifier feeds only: it holds U at V_min when P would lower it further. The
 /// chopper holds U at V_max. With C = 0 nothing is stored.
-struct Link {
+struct DcLink {
   double C = 0;                   // F
   double V_min = 48, V_max = 60;  // V, 0 < V_min ≤ V_max
 
@@ -31,6 +31,6 @@ struct LinkFlows {
 /// Takes the power p (W over the share of an interval of `h` seconds; negative: given to the link) from a link with the voltage V,
 /// adds to `flows`, and returns the voltage after the interval. Exact: the interval is divided where p changes its sign; in each
 /// part ½ C V² changes in one direction and reaches a bound once.
-double draw(const Link& link, double V, const Cubic& p, double h, LinkFlows& flows);
+double draw(const DcLink& link, double V, const Cubic& p, double h, LinkFlows& flows);
 
 }  // namespace cotwin::energetics

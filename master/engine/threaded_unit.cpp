@@ -1,4 +1,4 @@
-#include "master/engine/beside.h"
+#include "master/engine/threaded_unit.h"
 
 #ifndef _WIN32
 #include <pthread.h>
@@ -47,7 +47,7 @@ void block_signals() {
 
 }  // namespace
 
-Beside::Beside(Instance instance, BesideMode mode, std::string name)
+ThreadedUnit::ThreadedUnit(Instance instance, ThreadMode mode, std::string name)
     : inner_(std::move(instance)), mode_(mode), name_(std::move(name)) {
   std::size_t reals = 0, integers = 0, booleans = 0, strings = 0;
   for (const Variable& v : inner_.variables)
@@ -60,7 +60,7 @@ Beside::Beside(Instance instance, BesideMode mode, std::string name)
   take(false);
 }
 
-Beside::~Beside() {
+ThreadedUnit::~ThreadedUnit() {
   if (!thread_.joinable()) return;
   quit_.store(true, std::memory_order_release);
   order_.release();
@@ -69,7 +69,7 @@ Beside::~Beside() {
 
 /// Calls action(variable, the unit's values, their copies).
 template <class Action>
-void Beside::for_each(const Action& action) {
+void ThreadedUnit::for_each(const Action& action) {
   std::size_t reals = 0, integers = 0, booleans = 0, strings = 0;
   const auto part = [](auto* data, std::size_t& begin, std::size_t size) {
     const std::span span(data + begin, size);
@@ -95,7 +95,7 @@ void Beside::for_each(const Action& action) {
 }
 
 /// Copies to the unit: everything, or inputs and tunables.
-void Beside::give(bool only_changeable) {
+void ThreadedUnit::give(bool only_changeable) {
   for_each([&](const Variable& v, auto inner, auto outer) {
     if (!only_changeable || v.role == Role::kInput || v.role == Role::kTunable)
       std::copy(outer.begin(), outer.end(), inner.begin());
@@ -103,7 +103,7 @@ void Beside::give(bool only_changeable) {
 }
 
 /// Copies from the unit: everything, or outputs and states.
-void Beside::take(bool only_results) {
+void ThreadedUnit::take(bool only_results) {
   for_each([&](const Variable& v, auto inner, auto outer) {
     if (!only_results || v.role == Role::kOutput || v.role == Role::kState)
       std::copy(inner.begin(), inner.end(), outer.begin());
@@ -112,7 +112,7 @@ void Beside::take(bool only_results) {
 
 // Outputs are discrete: they are those of a step that has ended before, so that no loop is solved through them. Nothing is said
 // of rates: an input is held. The unit declares itself again with the present parameters, because they may decide what is required.
-void Beside::declare(Variables& v) {
+void ThreadedUnit::declare(Variables& v) {
   wait();
   v.foreign();
   for_each([](const Variable& variable, auto inner, auto outer) {
@@ -135,7 +135,7 @@ void Beside::declare(Variables& v) {
   });
 }
 
-void Beside::initialise(Time start) {
+void ThreadedUnit::initialise(Time start) {
   wait();
   failure_ = nullptr;
   pending_ = false;
@@ -145,10 +145,10 @@ void Beside::initialise(Time start) {
   give(false);
   inner_.unit->initialise(start);
   take(false);
-  if (mode_ != BesideMode::kInStep && !thread_.joinable()) thread_ = std::thread([this] { run(); });
+  if (mode_ != ThreadMode::kInStep && !thread_.joinable()) thread_ = std::thread([this] { run(); });
 }
 
-void Beside::run() {
+void ThreadedUnit::run() {
   block_signals();
   for (;;) {
     order_.acquire();
@@ -159,7 +159,7 @@ void Beside::run() {
   }
 }
 
-void Beside::make_step() {
+void ThreadedUnit::make_step() {
   try {
     result_ = inner_.unit->step(begin_, length_);
   } catch (...) {
@@ -167,10 +167,10 @@ void Beside::make_step() {
   }
 }
 
-void Beside::wait() const { ready_.wait(false, std::memory_order_acquire); }
+void ThreadedUnit::wait() const { ready_.wait(false, std::memory_order_acquire); }
 
 /// Throws the error of the step that has ended, once.
-void Beside::check_step() {
+void ThreadedUnit::check_step() {
   if (!pending_) return;
   if (failure_) {
     pending_ = false;
@@ -183,7 +183,7 @@ void Beside::check_step() {
   }
 }
 
-void Beside::check_last_step() {
+void ThreadedUnit::check_last_step() {
   wait();
   try {
     check_step();
@@ -193,20 +193,20 @@ void Beside::check_last_step() {
 }
 
 /// The outputs of the step that was started. False: the unit requests the end of the run.
-bool Beside::take_over() {
+bool ThreadedUnit::pop_results() {
   check_step();
   pending_ = false;
   take(true);
   return result_ != StepResult::kFinished;
 }
 
-StepResult Beside::step(Time now, Duration h) {
-  if (mode_ == BesideMode::kHold && !ready_.load(std::memory_order_acquire)) {
+StepResult ThreadedUnit::step(Time now, Duration h) {
+  if (mode_ == ThreadMode::kHold && !ready_.load(std::memory_order_acquire)) {
     ++late_;
     return StepResult::kDone;
   }
   wait();
-  if (pending_ && !take_over()) return StepResult::kFinished;
+  if (pending_ && !pop_results()) return StepResult::kFinished;
   give(true);
   begin_ = time_;
   time_ = now + h;
@@ -214,7 +214,7 @@ StepResult Beside::step(Time now, Duration h) {
   longest_ = std::max(longest_, length_);
   ++steps_;
   pending_ = true;
-  if (mode_ == BesideMode::kInStep) {
+  if (mode_ == ThreadMode::kInStep) {
     make_step();
     check_step();
   } else {
@@ -224,7 +224,7 @@ StepResult Beside::step(Time now, Duration h) {
   return StepResult::kDone;
 }
 
-void Beside::save_memory(std::string& bytes) {
+void ThreadedUnit::save_memory(std::string& bytes) {
   check_last_step();
   snapshot_.take(inner_.variables, *inner_.unit);
   ByteWriter out;
@@ -237,7 +237,7 @@ void Beside::save_memory(std::string& bytes) {
   bytes = out.bytes();
 }
 
-void Beside::restore_memory(const std::string& bytes) {
+void ThreadedUnit::restore_memory(const std::string& bytes) {
   wait();
   failure_ = nullptr;
   ByteReader in(as_bytes(bytes), "a component beside the loop");
@@ -253,14 +253,14 @@ void Beside::restore_memory(const std::string& bytes) {
   snapshot_.restore(inner_.variables, *inner_.unit);
 }
 
-void Beside::end() noexcept {
+void ThreadedUnit::end() noexcept {
   wait();
   inner_.unit->end();
 }
 
-void Beside::tell(std::vector<std::string>& sentences) const {
+void ThreadedUnit::append_notes(std::vector<std::string>& sentences) const {
   wait();
-  inner_.unit->tell(sentences);
+  inner_.unit->append_notes(sentences);
   if (late_ > 0) {
     sentences.push_back("beside the loop: " + std::to_string(steps_) + " steps; at " + std::to_string(late_) +
                         " times the last one had not ended when the next was due; longest step " +
@@ -280,7 +280,7 @@ bool is_clock(const ClockSpec& clock, const std::string& component, std::span<co
 
 }  // namespace
 
-void put_beside(const Scenario& scenario, std::span<Member> members, BesideMode mode) {
+void put_on_threads(const Scenario& scenario, std::span<Member> members, ThreadMode mode) {
   for (Member& member : members) {
     if (!member.spec.beside) continue;
     const std::string component = "component '" + member.name() + "' with beside=\"true\"";
@@ -292,12 +292,12 @@ void put_beside(const Scenario& scenario, std::span<Member> members, BesideMode 
     instance.warnings = std::exchange(member.instance.warnings, {});
     instance.given = member.instance.given;
     instance.robots = member.instance.robots;
-    instance.unit = std::make_unique<Beside>(std::move(member.instance), mode, member.name());
+    instance.unit = std::make_unique<ThreadedUnit>(std::move(member.instance), mode, member.name());
     instance.unit->declare(instance.variables);
     member.instance = std::move(instance);
   }
 }
 
-Beside* beside_of(const Member& member) { return dynamic_cast<Beside*>(member.instance.unit.get()); }
+ThreadedUnit* beside_of(const Member& member) { return dynamic_cast<ThreadedUnit*>(member.instance.unit.get()); }
 
 }  // namespace cotwin::master

@@ -1,11 +1,11 @@
-#include "models/energetics/link.h"
+#include "models/energetics/dc_link.h"
 
 #include <algorithm>
 #include <cmath>
 
 namespace cotwin::energetics {
 
-double draw(const Link& link, double V, const Cubic& p, double h, LinkFlows& flows) {
+double draw(const DcLink& link, double V, const Cubic& p, double h, LinkFlows& flows) {
   const double least = link.stored(link.V_min), most = link.stored(link.V_max);
   double stored = link.stored(V), before = 0;
   const Crossings zeros = crossings(p);

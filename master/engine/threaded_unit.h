@@ -18,7 +18,7 @@
 namespace cotwin::master {
 
 /// Who makes the steps of a component that runs beside the loop, and what happens if one has not ended when the next is due.
-enum class BesideMode : std::uint8_t {
+enum class ThreadMode : std::uint8_t {
   kInStep,  // the caller: no thread (scenarios as one FMU)
   kWait,    // a thread; the loop waits for it, so that results do not depend on the machine
   kHold     // a thread; the loop goes on with the last outputs and never waits, and the next step is longer
@@ -29,11 +29,11 @@ enum class BesideMode : std::uint8_t {
 /// of one step. step(now, h) takes over the outputs of the step before, which hold at `now`, and starts the next one with the
 /// present inputs. So outputs are one step older than those of a unit in the loop. All modes give the same bits as long as every
 /// step has ended in time. Inputs are held over a step.
-class Beside final : public Unit {
+class ThreadedUnit final : public Unit {
  public:
   /// `name`: of the component, for errors.
-  Beside(Instance instance, BesideMode mode, std::string name = {});
-  ~Beside() override;
+  ThreadedUnit(Instance instance, ThreadMode mode, std::string name = {});
+  ~ThreadedUnit() override;
 
   void declare(Variables& v) override;
   void initialise(Time start) override;
@@ -43,9 +43,9 @@ class Beside final : public Unit {
   void save_memory(std::string& bytes) override;
   void restore_memory(const std::string& bytes) override;
   /// False with kHold: the machine's speed decides when outputs change.
-  bool restorable() const override { return mode_ != BesideMode::kHold && inner_.unit->restorable(); }
-  bool goes_back() const override { return false; }
-  void tell(std::vector<std::string>& sentences) const override;
+  bool restorable() const override { return mode_ != ThreadMode::kHold && inner_.unit->restorable(); }
+  bool has_cheap_rollback() const override { return false; }
+  void append_notes(std::vector<std::string>& sentences) const override;
   /// Waits for the step that runs.
   void end() noexcept override;
 
@@ -72,10 +72,10 @@ class Beside final : public Unit {
   void make_step();
   void wait() const;
   void check_step();
-  bool take_over();
+  bool pop_results();
 
   Instance inner_;
-  const BesideMode mode_;
+  const ThreadMode mode_;
   const std::string name_;
   Values outer_;
 
@@ -97,9 +97,9 @@ class Beside final : public Unit {
 
 /// Replaces the components with beside="true" by units that step beside the loop. Throws Error if the scenario cannot have them.
 /// Call before signals of the members are resolved.
-void put_beside(const Scenario& scenario, std::span<Member> members, BesideMode mode);
+void put_on_threads(const Scenario& scenario, std::span<Member> members, ThreadMode mode);
 
 /// The member's unit if it steps beside the loop, else nullptr.
-Beside* beside_of(const Member& member);
+ThreadedUnit* beside_of(const Member& member);
 
 }  // namespace cotwin::master

@@ -10,9 +10,9 @@ namespace cotwin::compliance {
 
 /// (2a) of the links on a fixed base, or M* and b* on one that floats (models/robot/floating_base.h), where gravity is no load.
 /// With scratch memory and the inertial parameters in force.
-class Links {
+class LinkDynamics {
  public:
-  explicit Links(const robot::RobotModel& robot, bool floating = false);
+  explicit LinkDynamics(const robot::RobotModel& robot, bool floating = false);
 
   /// Angular momentum of a floating robot about its centre of mass in the base's axes, N m s.
   void set_spin(const Eigen::Vector3d& spin) { spin_ = spin; }
@@ -39,7 +39,7 @@ class Links {
 
   robot::BodyParameters& bodies() { return bodies_; }
   /// As those of BodyParameters.
-  void take_bodies(const std::string& place);
+  void update_bodies(const std::string& place);
   void follow_bodies(const std::string& place, double remaining);
   void restored_bodies();
 

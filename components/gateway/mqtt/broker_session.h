@@ -19,7 +19,7 @@ struct BrokerOptions {
 };
 
 /// A connection to an MQTT 5 broker through Paho. No function waits for the broker, except disconnect() and the destructor.
-class Link {
+class BrokerSession {
  public:
   struct Message {
     std::string topic, payload;
@@ -46,10 +46,10 @@ class Link {
 
   /// `sink` is called on Paho's threads and must not wait. `will`: published by the broker when the connection is lost. Throws Error for
   /// options that are not permitted and files that cannot be read.
-  Link(const BrokerOptions& options, Message will, std::function<void(Event)> sink);
-  ~Link();
-  Link(const Link&) = delete;
-  Link& operator=(const Link&) = delete;
+  BrokerSession(const BrokerOptions& options, Message will, std::function<void(Event)> sink);
+  ~BrokerSession();
+  BrokerSession(const BrokerSession&) = delete;
+  BrokerSession& operator=(const BrokerSession&) = delete;
 
   /// kConnected or kLost follows.
   void connect();

@@ -1,4 +1,4 @@
-#include "components/gateway/mqtt/link.h"
+#include "components/gateway/mqtt/broker_session.h"
 
 #include <mqtt/async_client.h>
 
@@ -41,7 +41,7 @@ std::string server_of(const BrokerOptions& o) {
 
 }  // namespace
 
-struct Link::Impl final : ::mqtt::iaction_listener {
+struct BrokerSession::Impl final : ::mqtt::iaction_listener {
   Impl(const BrokerOptions& options, Message will, std::function<void(Event)> given)
       : sink(std::move(given)), client(server_of(options), options.client_id, ::mqtt::create_options(MQTTVERSION_5)) {
     connecting.set_mqtt_version(MQTTVERSION_5);
@@ -137,12 +137,12 @@ struct Link::Impl final : ::mqtt::iaction_listener {
   ::mqtt::async_client client;
 };
 
-Link::Link(const BrokerOptions& options, Message will, std::function<void(Event)> sink)
+BrokerSession::BrokerSession(const BrokerOptions& options, Message will, std::function<void(Event)> sink)
     : impl_(std::make_unique<Impl>(options, std::move(will), std::move(sink))) {}
 
-Link::~Link() = default;
+BrokerSession::~BrokerSession() = default;
 
-void Link::connect() {
+void BrokerSession::connect() {
   try {
     impl_->client.connect(impl_->connecting, nullptr, *impl_);
   } catch (const ::mqtt::exception& error) {
@@ -150,7 +150,7 @@ void Link::connect() {
   }
 }
 
-bool Link::publish(std::uint64_t number, const Message& m) {
+bool BrokerSession::publish(std::uint64_t number, const Message& m) {
   try {
     ::mqtt::properties properties;
     if (!m.correlation.empty()) properties.add({::mqtt::property::CORRELATION_DATA, m.correlation});
@@ -162,7 +162,7 @@ bool Link::publish(std::uint64_t number, const Message& m) {
   }
 }
 
-void Link::subscribe(const std::vector<std::string>& topics) {
+void BrokerSession::subscribe(const std::vector<std::string>& topics) {
   try {
     // As published: else the broker hides the retain flag of messages that come while the session lasts. One by one, because Paho's
     // call for several topics reads options that it has freed.
@@ -173,9 +173,9 @@ void Link::subscribe(const std::vector<std::string>& topics) {
   }
 }
 
-bool Link::open() const { return impl_->client.is_connected(); }
+bool BrokerSession::open() const { return impl_->client.is_connected(); }
 
-void Link::disconnect() noexcept {
+void BrokerSession::disconnect() noexcept {
   try {
     if (impl_->client.is_connected()) impl_->client.disconnect(kDisconnectTimeout)->wait_for(2 * kDisconnectTimeout);
   } catch (const std::exception&) {
