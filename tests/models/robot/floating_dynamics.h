@@ -4,9 +4,9 @@
 namespace cotwin::robot {
 
 /// q̈ and A_B of a floating robot under τ and W, by articulated bodies: the base is six joints at zero before the robot's own.
-inline void floating_forward_dynamics(const FloatingMechanism& mechanism, FloatingData& d, const VectorIn& q, const VectorIn& dq,
-                                      const VectorIn& tau, const Twist& V_B, const Wrench& W, const Eigen::Vector3d& gravity,
-                                      VectorOut ddq, Twist& A_B) {
+inline void floating_forward_dynamics(const FloatingMechanism& mechanism, FloatingData& d, const VectorIn& q,
+                                      const VectorIn& dq, const VectorIn& tau, const Twist& V_B, const Wrench& W,
+                                      const Eigen::Vector3d& gravity, VectorOut ddq, Twist& A_B) {
   const Eigen::Index n = mechanism.n();
   const Eigen::Vector3d w = V_B.tail<3>();
   d.q.tail(n) = q;
