@@ -4,6 +4,7 @@
 #include <string_view>
 
 #include "models/foundation/support/error.h"
+#include "models/scene/hull.h"
 #include "models/scene/mesh.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {

@@ -151,7 +151,8 @@ void read_fmu(const std::string& bytes) {
     const std::string again = fmu::serialise(package);
     if (fmu::serialise(fmu::deserialise_foreign(again, "again")) != again) std::abort();
     std::size_t size = 0;
-    for (const fmu::ModelVariable& v : package.description.variables) size += fmu::elements(package.description, v);
+    const fmu::DescriptionIndex index(package.description);
+    for (const fmu::ModelVariable& v : package.description.variables) size += index.elements(v);
     if (size > 100'000) return;
     const std::unique_ptr<fmu::ForeignVariables> values = variables_of(package);
     Variables variables;
