@@ -18,6 +18,7 @@ namespace {
 
 using namespace cotwin;
 using namespace cotwin::identification;
+using namespace cotwin::identification::testing;
 using cotwin::benchmark::keep;
 
 /// CPU time of this process, which does not depend on the load of the machine.
