@@ -95,7 +95,11 @@ Samples prepare(const trajectory::Recording& recording, double cutoff) {
   const auto derivative = [&](const std::vector<double>& x) {
     return trajectory::solve_spline(q.t, q.width, x, trajectory::SplineEnds::kFree).dq;
   };
-  Samples all{.joints = q.width, .t = q.t, .q = q.x, .tau = tau.x};
+  Samples all;
+  all.joints = q.width;
+  all.t = q.t;
+  all.q = q.x;
+  all.tau = tau.x;
   all.dq = recording.dq.size() != 0 ? filtered(recording.dq).x : derivative(q.x);
   all.ddq = derivative(all.dq);
   const auto cut = static_cast<std::size_t>(0.02 * static_cast<double>(all.t.size()));
