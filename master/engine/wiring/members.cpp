@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <iterator>
 #include <map>
 
 #include "models/foundation/support/choice.h"
@@ -233,15 +234,14 @@ void check_settings(const Scenario& scenario, std::span<Member> members, const s
     const std::string setting = "setting " + in_quotes(key) + " = " + in_quotes(value);
     const auto sealed = std::find_if(members.begin(), members.end(), [](const Member& m) { return !is_unit(m.spec); });
     if (sealed == members.end()) {
-      std::vector<std::string> names;
-      for (const Member& m : members) {
-        if (m.settings.find(key) != nullptr) {
+      std::vector<std::string> names;  // the others
+      for (const Member& m : members) std::ranges::remove_copy(m.settings.names(), std::back_inserter(names), key);
+      for (const Member& m : members)
+        if (m.settings.find(key) != nullptr)
           fail(scenario.file.filename().string(), setting + " has no effect: " + in_quotes(m.name()) +
                                                       " has its own value or does not read it with its other settings (" +
-                                                      m.spec.source + "), expected --set " + m.name() + "." + key + "=…");
-        }
-        for (const std::string& name : m.settings.names()) names.push_back(name);
-      }
+                                                      m.spec.source + "), expected --set " + m.name() + "." + key + "=…" +
+                                                      suggestion(key, names));
       fail(scenario.file.filename().string(), setting + ": no unit of this scenario has it" + suggestion(key, names));
     }
     sealed->instance.warnings.push_back(setting + " does not reach an FMU");
