@@ -108,7 +108,7 @@ class Engine {
 
   const std::string& name(std::size_t slot) const { return members_[schedule.slots[slot].member].name(); }
 
-  /// What lets the values of loops not grow any more.
+  /// Which loops are solved and by which rules, so that their values stop growing.
   struct CouplingChange {
     std::vector<bool> solved;              // per loop of continuous connections
     std::vector<GroupSolver::Rule> rules;  // likewise, for units that hold their inputs
@@ -120,16 +120,16 @@ class Engine {
     for (GrowthWatch& watch : growth_) grows = watch.tick() || grows;
     return grows;
   }
-  /// Call where watch_growth() is true: what would end the growth; nothing if the values may do what they do. Throws Error naming the members of a
-  /// loop whose values diverge without a change.
+  /// Call where watch_growth() is true: the coupling that ends the growth; nothing if the present one may stay. Throws Error naming the members of a
+  /// loop whose values diverge and that no other coupling stabilises.
   std::optional<CouplingChange> find_coupling_change(Time now, Duration tick);
   /// Measures the gains of the loops that step explicitly with coupling=auto, and returns what find_coupling_change does. `tick`: length of one.
   std::optional<CouplingChange> watch_loops(Time now, Duration tick);
-  /// Call between two ticks. Solves or steps the loops as the change says, from here on. Allocates.
+  /// Call between two ticks. Solves or steps the loops accordingly from here on. Allocates.
   void apply(const CouplingChange& change);
   /// Whether values of a loop change more than before.
   bool is_rising() const { return std::ranges::any_of(growth_, &GrowthWatch::is_rising); }
-  /// Whether a change is possible in this run.
+  /// Whether the coupling can change in this run.
   bool may_change() const;
   /// The loops with their gain in a tick and their stability border, whatever the coupling of the scenario. A loop with a unit
   /// without a cheap way back, or with more than `most_unknowns` unknowns, is not measured. Call after initialise(start) and

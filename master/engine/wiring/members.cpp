@@ -234,7 +234,7 @@ void check_settings(const Scenario& scenario, std::span<Member> members, const s
     const std::string setting = "setting " + in_quotes(key) + " = " + in_quotes(value);
     const auto sealed = std::find_if(members.begin(), members.end(), [](const Member& m) { return !is_unit(m.spec); });
     if (sealed == members.end()) {
-      std::vector<std::string> names;  // the others
+      std::vector<std::string> names;  // settings other than `key`
       for (const Member& m : members) std::ranges::remove_copy(m.settings.names(), std::back_inserter(names), key);
       for (const Member& m : members)
         if (m.settings.find(key) != nullptr)

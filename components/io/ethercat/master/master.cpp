@@ -13,7 +13,7 @@ constexpr std::uint8_t kAcyclic = 0x80;       // indices of acyclic requests beg
 constexpr int kMostFrames = 64;               // that a cycle reads
 constexpr int kAnswersElsewhere = 50;         // of the reference clock in a row after which a step of it is followed
 constexpr std::int64_t kRetry = 100'000'000;  // ns from a failed recovery to the next attempt
-constexpr int kTurns = 4;                     // every which acyclic request is for the states, while slaves are brought back
+constexpr int kTurns = 4;                     // one in so many acyclic requests reads the states, while slaves are brought back
 constexpr std::int64_t kAnswer = 5'000'000;   // ns that an answer may take at the end of operation
 constexpr std::uint8_t kAllOp = static_cast<std::uint8_t>(State::kOp);
 
