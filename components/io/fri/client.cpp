@@ -27,6 +27,12 @@ bool all_usable(const Pose& X) {
   return std::all_of(X.R.data(), X.R.data() + X.R.size(), is_usable) && std::all_of(X.p.data(), X.p.data() + 3, is_usable);
 }
 
+bool are_torques(const Joints& values, std::size_t n) {
+  constexpr double kLargestTorque = 1e4;  // N.m, a hundred times what joints of these robots have
+  return std::all_of(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(n),
+                     [](double tau) { return std::abs(tau) <= kLargestTorque; });
+}
+
 bool is_period(double s) {
   constexpr double kRounding = 1e-6;  // of a single float
   return s >= kShortestPeriod * (1 - kRounding) && s <= kLongestPeriod * (1 + kRounding);
@@ -62,11 +68,14 @@ Fault usability(const Monitoring& m) {
   if (!m.has(M::kMeasuredPosition) || (is_commanding(m.state) && !has_place(m))) return Fault::kMissing;
   const std::size_t n = m.joints;
   const auto usable = [&](std::uint32_t field, const auto& values) { return !m.has(field) || all_usable(values, n); };
+  const auto usable_torques = [&](std::uint32_t field, const Joints& values) {
+    return !m.has(field) || are_torques(values, n);
+  };
   const auto usable_pose = [&](std::uint32_t field, const Pose& X) { return !m.has(field) || all_usable(X); };
   const auto usable_angle = [&](std::uint32_t field, const Redundancy& r) { return !m.has(field) || is_usable(r.value); };
   const bool all = usable(M::kMeasuredPosition, m.q_measured) && usable(M::kCommandedPosition, m.q_commanded) &&
-                   usable(M::kInterpolatorPosition, m.q_interpolator) && usable(M::kMeasuredTorque, m.tau_measured) &&
-                   usable(M::kCommandedTorque, m.tau_commanded) && usable(M::kExternalTorque, m.tau_external) &&
+                   usable(M::kInterpolatorPosition, m.q_interpolator) && usable_torques(M::kMeasuredTorque, m.tau_measured) &&
+                   usable_torques(M::kCommandedTorque, m.tau_commanded) && usable_torques(M::kExternalTorque, m.tau_external) &&
                    usable_pose(M::kMeasuredPose, m.X_measured) && usable_pose(M::kCommandedPose, m.X_commanded) &&
                    usable_pose(M::kInterpolatorPose, m.X_interpolator) &&
                    usable_angle(M::kMeasuredRedundancy, m.redundancy_measured) &&
@@ -94,7 +103,7 @@ Fault Client::fault_of(std::span<const std::uint8_t> bytes, bool stranger) {
 /// that has begun anew may have any counters and time stamps: more messages than there was time for, or a clock that jumps.
 bool Client::continues(const Monitoring& message, std::int64_t messages, std::int64_t elapsed) const {
   constexpr std::int64_t kJump = 1'000'000'000;  // ns; time stamps of LWR are single floats
-  const auto passed = messages * static_cast<std::int64_t>(message.send_period * 1e9);
+  const auto passed = messages * static_cast<std::int64_t>(std::min(message.send_period, monitoring().send_period) * 1e9);
   if (messages > 1 && passed > elapsed + longest_silence()) return false;
   const bool timed = message.has(M::kTime) && monitoring().has(M::kTime);
   return !timed || std::abs(message.time - monitoring().time - passed) <= kJump + elapsed;

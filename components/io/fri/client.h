@@ -44,7 +44,7 @@ struct ClientStatistics {
 /// Why a message that was decoded is not usable for a session of a client; kNone if it is:
 ///   kValue      send period or command period outside kShortestPeriod to kLongestPeriod
 ///   kMissing    no measured position; in a commanding state nothing that a command could begin at
-///   kNotFinite  a position, torque, wrench or pose that is not finite or larger than kLargestNumber
+///   kNotFinite  a position, torque, wrench or pose that is not finite or larger than kLargestNumber, a torque above 1e4 N.m
 /// KRL variables and I/O values are not examined: the robot's program may give them any value.
 Fault usability(const Monitoring& message);
 

@@ -1,9 +1,11 @@
 #pragma once
+#include <cstdint>
 #include <span>
 #include <string>
 #include <vector>
 
 #include "components/unit/variables.h"
+#include "models/trajectory/axes.h"
 
 namespace cotwin::io {
 
@@ -31,24 +33,46 @@ class Acknowledgement {
   bool awaits_ = false;
 };
 
+/// The largest speed of a joint that is believed, rad/s (prismatic: m/s): twice its limit; infinite without one.
+double largest_speed(const trajectory::Axis& axis);
+
 /// Finds positions that no motion of a robot explains: further than kLargestJump from where the last two positions lead with an
-/// acceleration of at most kLargestAcceleration.
+/// acceleration of at most kLargestAcceleration, or from the last one with largest_speed(). A single one is a
+/// damaged message; kMostHeld are not used, and one more in a row shows that the robot is elsewhere.
 class JumpDetector {
  public:
   static constexpr double kLargestJump = 5e-3;        // rad (prismatic: m)
   static constexpr double kLargestAcceleration = 40;  // rad/s², that of UR's fastest motions; others are slower
+  static constexpr int kMostHeld = 4;
+  enum class Verdict : std::uint8_t { kPlausible, kHeld, kJump };
 
-  explicit JumpDetector(std::size_t joints) : q_(joints), dq_(joints) {}
+  explicit JumpDetector(std::span<const trajectory::Axis> axes);
 
+  /// Declares the output implausible. `what` is counted: "messages".
+  void declare(Variables& v, const std::string& what);
+  /// The start of a run.
+  void begin();
   /// The next position is the first one.
-  void forget() { positions_ = 0; }
-  /// A position, `elapsed` seconds after the last one; 0: not known, as after forget(). Whether it is a jump.
-  bool add(std::span<const double> q, double elapsed);
+  void forget();
+  /// A position, `elapsed` seconds after the last one that was not held; 0: not known, as after forget(). `credible`: whether the rest of the
+  /// message can be true.
+  Verdict add(std::span<const double> q, double elapsed, bool credible = true);
+  /// Whether the joints can have these speeds, rad/s.
+  bool allows(std::span<const double> dq) const;
+  /// Positions that were not plausible since begin().
+  std::int32_t implausible() const { return implausible_; }
+  /// Appends a sentence if there were any.
+  void append_notes(std::vector<std::string>& sentences, const std::string& what) const;
 
  private:
-  std::vector<double> q_, dq_;  // the last position, and the mean speed up to it
-  double interval_ = 0;         // s, of that speed
-  int positions_ = 0;           // that are known: one has no speed yet
+  bool is_plausible(std::span<const double> q, double elapsed) const;
+
+  std::vector<double> fastest_;  // rad/s
+  std::vector<double> q_, dq_;   // the last position, and the mean speed up to it
+  double interval_ = 0;          // s, of that speed
+  int positions_ = 0;            // that are known: one has no speed yet
+  int in_a_row_ = 0;             // that were held
+  std::int32_t implausible_ = 0;
 };
 
 }  // namespace cotwin::io

@@ -233,30 +233,38 @@ void EtherCatDrives::read(const ethercat::Master& master) {
   if (empty()) return;
   // A slave on its way back: what it gives first may be of the time before.
   if (std::ranges::any_of(drives_, [&](const Drive& d) { return master.status(d.slave).down; })) return;
+  const auto value = [&](const Drive& d, const Place& place) {
+    return place.bits == 0 ? 0 : signed_value(read_bits(master.inputs(d.slave), place.bit, place.bits), place.bits);
+  };
+  const auto counts_of = [&](const Drive& d) {
+    const auto raw = static_cast<std::uint32_t>(value(d, d.position));
+    const auto way = static_cast<std::int32_t>(raw - static_cast<std::uint32_t>(d.counts));
+    return d.known ? d.counts + way : static_cast<std::int32_t>(raw);
+  };
+  for (std::size_t k = 0; k < drives_.size(); ++k) {
+    const Drive& d = drives_[k];
+    q_read_[k] = q_scale_[d.joint] * static_cast<double>(counts_of(d)) + q_offset_[d.joint];
+    dq_read_[k] = d.velocity.bits != 0      ? dq_scale_of(k) * value(d, d.velocity)
+                  : d.known && elapsed_ > 0 ? (q_read_[k] - q_[k]) / elapsed_
+                                            : 0;
+  }
+  const JumpDetector::Verdict verdict = jumps_.add(q_read_, elapsed_, jumps_.allows(dq_read_));
+  if (verdict == JumpDetector::Verdict::kHeld) return;
+  jumped_ = jumped_ || verdict == JumpDetector::Verdict::kJump;
   for (std::size_t k = 0; k < drives_.size(); ++k) {
     Drive& d = drives_[k];
-    const std::span<const std::uint8_t> in = master.inputs(d.slave);
-    const auto value = [&](const Place& place) {
-      return place.bits == 0 ? 0 : signed_value(read_bits(in, place.bit, place.bits), place.bits);
-    };
-    d.status_word = static_cast<std::uint16_t>(value(d.status));
-    d.mode_shown = value(d.mode_display);
-    d.error_code = value(d.error) & 0xffff;
-    d.torque_units = value(d.torque);
-    const std::int32_t raw = value(d.position);
-    const std::int32_t way = static_cast<std::int32_t>(static_cast<std::uint32_t>(raw) - static_cast<std::uint32_t>(d.raw));
-    d.speed = d.velocity.bits != 0      ? dq_scale_of(k) * value(d.velocity)
-              : d.known && elapsed_ > 0 ? q_scale_[d.joint] * way / elapsed_
-                                        : 0;
-    d.counts = d.known ? d.counts + way : raw;
-    d.raw = raw;
+    d.status_word = static_cast<std::uint16_t>(value(d, d.status));
+    d.mode_shown = value(d, d.mode_display);
+    d.error_code = value(d, d.error) & 0xffff;
+    d.torque_units = value(d, d.torque);
+    d.counts = counts_of(d);
     d.known = true;
-    q_[k] = q_scale_[d.joint] * static_cast<double>(d.counts) + q_offset_[d.joint];
+    d.speed = dq_read_[k];
+    q_[k] = q_read_[k];
     const bool moved = std::abs(q_[k] - d.stood_at) > std::max(kStandsWithin, 2 * std::abs(q_scale_[d.joint]));
     if (moved) d.stood_at = q_[k];
     d.stood = moved ? 0 : d.stood + elapsed_;
   }
-  jumped_ = jumps_.add(q_, elapsed_) || jumped_;
   last_elapsed_ = elapsed_;
   silent_ = elapsed_ = 0;
   fresh_ = true;
@@ -313,6 +321,7 @@ void EtherCatDrives::write_outputs() {
 }
 
 void EtherCatDrives::append_notes(std::vector<std::string>& sentences) const {
+  jumps_.append_notes(sentences, "inputs of drives");
   if (stops_ == 0) return;
   sentences.push_back("the drives were stopped " + std::to_string(stops_) + " times, last because drive " +
                       stopped_drive_->name + " " + stopped_by_);

@@ -46,6 +46,8 @@ class EtherCatDrives {
   void add_start_up(std::vector<ethercat::ExpectedSlave>& expected) const;
   Link::Needs needs() const;
 
+  /// Inputs that were not used.
+  std::int32_t implausible() const { return jumps_.implausible(); }
   /// Whether the drives follow the commands.
   bool drives() const { return mode_ != Mode::kMonitor; }
   /// Writes the outputs of the next cycle, and the safe ones: a quick stop. Demands an acknowledgement if a drive has stopped. `h`: s since the
@@ -53,7 +55,7 @@ class EtherCatDrives {
   void write(ethercat::Master& master, const Command& command, double h, Acknowledgement& acknowledgement);
   /// Time between the frames whose answers have come last, s, before read(): nothing is known of the drives after `patience` without one.
   void wait(double h, double patience);
-  /// Takes fresh inputs.
+  /// Takes fresh inputs; those that no motion explains are held (JumpDetector).
   void read(const ethercat::Master& master);
   void measure(Measured& measured, double dq_cutoff, double patience);
   /// Instead of write(), at the end of a run: a quick stop. Whether a drive may still move.
@@ -85,9 +87,8 @@ class EtherCatDrives {
     cia402::Homing homing;
     std::uint16_t status_word = 0, control_word = 0;
     std::int32_t error_code = 0, mode_shown = 0;
-    bool known = false;       // `raw` is a position of the drive
-    std::int32_t raw = 0;     // its position, counts
-    std::int64_t counts = 0;  // the same without wrapping
+    bool known = false;       // `counts` is a position of the drive
+    std::int64_t counts = 0;  // its position without wrapping
     std::int64_t held = 0;    // target while it does not follow, counts
     double speed = 0;         // rad/s
     double torque_units = 0;  // of the drive
@@ -134,7 +135,8 @@ class EtherCatDrives {
   const Drive* stopped_drive_ = nullptr;
   // Per drive.
   std::vector<double> q_, q_wanted_, q_target_, tau_target_, no_gain_;
-  std::vector<double> outside_;  // rad out of the range, the least since the drives follow
+  std::vector<double> q_read_, dq_read_;  // of the last inputs, used or not
+  std::vector<double> outside_;           // rad out of the range, the least since the drives follow
   // Inputs and parameters.
   std::string mode_text_ = "monitor";
   bool enable_ = true, quick_stop_ = false;

@@ -41,7 +41,8 @@ EtherCatDrives::Place EtherCatDrives::find(const std::vector<ethercat::Channel>&
 EtherCatDrives::EtherCatDrives(const std::vector<SlaveChoice>& slaves, const std::vector<std::size_t>& joint_of,
                                const std::vector<trajectory::Axis>& joints, const robot::RobotModel* robot,
                                const std::string& place)
-    : place_(place), synchronisation_(0), jumps_(0) {
+    : place_(place), synchronisation_(0), jumps_({}) {
+  std::vector<trajectory::Axis> axes;
   for (std::size_t i = 0; i < slaves.size(); ++i) {
     const SlaveChoice& s = slaves[i];
     if (s.kind != SlaveChoice::Kind::kDrive) continue;
@@ -77,7 +78,7 @@ EtherCatDrives::EtherCatDrives(const std::vector<SlaveChoice>& slaves, const std
       }
     }
     add_constants(s, d);
-    const trajectory::Axis& axis = joints[d.joint];
+    const trajectory::Axis& axis = axes.emplace_back(joints[d.joint]);
     dq_command_max_.push_back(std::min(kSafeSpeed, finite(axis.dq_max, kSafeSpeed)));
     q_command_min_.push_back(finite(axis.q_min, -kUnlimited));
     q_command_max_.push_back(finite(axis.q_max, kUnlimited));
@@ -86,8 +87,9 @@ EtherCatDrives::EtherCatDrives(const std::vector<SlaveChoice>& slaves, const std
   }
   const std::size_t n = drives_.size();
   synchronisation_ = Synchronisation(n);
-  jumps_ = JumpDetector(n);
-  for (std::vector<double>* values : {&q_, &q_wanted_, &q_target_, &tau_target_, &outside_, &no_gain_, &dq_scale_, &tau_scale_})
+  jumps_ = JumpDetector(axes);
+  for (std::vector<double>* values :
+       {&q_, &q_wanted_, &q_target_, &tau_target_, &outside_, &no_gain_, &dq_scale_, &tau_scale_, &q_read_, &dq_read_})
     values->resize(n);
   following_error_max_.resize(n, kLargestFollowingError);
   home_ = std::make_unique<bool[]>(n);
@@ -251,7 +253,7 @@ void EtherCatDrives::initialise(double cycle, std::span<const double> q_scale, s
   silent_ = elapsed_ = 0;
   stops_ = 0;
   stopped_by_ = "";
-  jumps_.forget();
+  jumps_.begin();
   write_outputs();
 }
 

@@ -13,7 +13,8 @@ constexpr int kHeld = 20;  // data for which a confirmation is waited for
 
 }  // namespace
 
-void EtherCatEncoder::reset() {
+void EtherCatEncoder::reset(double fastest) {
+  fastest_ = fastest;
   phase_ = Phase::kIdle;
   set_before_ = confirms_ = set_done = latched = uncertain = false;
   count = latch = target_ = 0;
@@ -24,13 +25,23 @@ void EtherCatEncoder::reset() {
   counts_ = 0;
   unread_ = 0;
   speed_.reset();
-  was_restarted_ = may_have_wrapped_ = was_implausible_ = false;
+  was_restarted_ = may_have_wrapped_ = false;
+  implausible_ = in_a_row_ = jumps_ = 0;
   way_ = 0;
   doubtful_.reset();
 }
 
-/// Whether the counter is near the last one or, if that one was doubted, goes on from it.
+/// Whether the axis can be at the counter at all.
+bool EtherCatEncoder::is_possible(std::uint32_t counter, double unread) const {
+  return std::abs(static_cast<double>(signed_counts(counter - last_))) <= kSurprise + fastest_ * unread;
+}
+
+/// Whether the counter is near the last one or, if the one before was doubted, goes on from that one.
 bool EtherCatEncoder::is_explained(std::uint32_t counter, double unread) {
+  if (!is_possible(counter, unread)) {
+    ++implausible_;
+    return false;
+  }
   const auto moved = static_cast<double>(signed_counts(counter - last_)), expected = way_ * unread;
   const bool near = std::abs(moved - expected) <= kSurprise + std::abs(expected) / 2;
   bool confirmed = false;
@@ -40,11 +51,11 @@ bool EtherCatEncoder::is_explained(std::uint32_t counter, double unread) {
     confirmed = std::abs(since) <= kSurprise + 2 * std::abs(way);
   }
   if (near || confirmed) {
-    was_implausible_ = was_implausible_ || (near && doubtful_);
+    if (near && doubtful_) ++implausible_;
     doubtful_.reset();
     return true;
   }
-  was_implausible_ = was_implausible_ || doubtful_;
+  if (doubtful_) ++implausible_;
   doubtful_ = counter;
   doubtful_unread_ = unread;
   return false;
@@ -105,9 +116,15 @@ void EtherCatEncoder::read(std::span<const std::uint8_t> in, bool restarted, dou
   } else if (held_ > 0 && phase_ == Phase::kRequest && --held_ > 0) {
     unread_ = unread;
     return;
-  } else if (unread > 0 && !is_explained(counter, unread)) {
+  } else if (unread > 0 && !is_explained(counter, unread) && ++in_a_row_ <= JumpDetector::kMostHeld) {
     unread_ = unread;
     return;
+  } else if (unread > 0 && !is_possible(counter, unread)) {
+    // Where the axis is, is not known any more: it stays.
+    ++jumps_;
+    uncertain = true;
+    way_ = 0;
+    doubtful_.reset();
   } else {
     const std::int64_t moved = signed_counts(counter - last_);
     counts_ += moved;
@@ -118,6 +135,7 @@ void EtherCatEncoder::read(std::span<const std::uint8_t> in, bool restarted, dou
       way_ = speed_->value;
     }
   }
+  in_a_row_ = 0;
   known_ = true;
   last_ = counter;
   count = static_cast<std::int32_t>(static_cast<std::uint32_t>(counts_));

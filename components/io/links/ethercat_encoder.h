@@ -3,6 +3,8 @@
 #include <optional>
 #include <span>
 
+#include "components/io/link/acknowledgement.h"
+
 namespace cotwin::io {
 
 /// The counter of an EL5101 in the process data of a cyclic master: a position without wrapping, and the command that sets it.
@@ -24,8 +26,8 @@ class EtherCatEncoder {
   bool set_done = false;                                              // set since the last rising edge of `set`
   bool uncertain = false;  // since the start or the last setting, movements may have been missed
 
-  /// The position at the start of a run is 0.
-  void reset();
+  /// The position at the start of a run is 0. `fastest`: the largest speed that is believed, counts per s.
+  void reset(double fastest = kFastest);
   /// Sets the output process data of the next cycle. `operational`: they reach the terminal. A command is repeated until the terminal
   /// confirms it, and never afterwards. It is cancelled if `set` falls while the bus is not operational.
   void write(std::span<std::uint8_t> out, bool operational);
@@ -33,7 +35,8 @@ class EtherCatEncoder {
   void advance(double h) { unread_ += h; }
   /// Takes input process data. `restarted`: the terminal was switched off and on since the last ones, so that it has forgotten its
   /// counter. `patience`: s without data after which a counter of 16 bits may have wrapped. A counter that the last speed does not explain to
-  /// kSurprise counts and half of the way is used only when the next one confirms it: the frame may be damaged.
+  /// kSurprise counts and half of the way is used only when the next one confirms it: the frame may be damaged. One that is faster than
+  /// `fastest` is never used; after JumpDetector::kMostHeld of them in a row the position continues from the last one as after a restart.
   void read(std::span<const std::uint8_t> in, bool restarted, double patience);
 
   std::int64_t counts() const { return counts_; }
@@ -47,8 +50,10 @@ class EtherCatEncoder {
   double unread() const { return unread_; }
   bool was_restarted() const { return was_restarted_; }
   bool may_have_wrapped() const { return may_have_wrapped_; }
-  /// Whether the terminal gave a counter that no motion explains, and that was not used.
-  bool was_implausible() const { return was_implausible_; }
+  /// Counters that no motion explains, and that were not used.
+  std::int32_t implausible() const { return implausible_; }
+  /// How often the position was lost by such counters.
+  int jumps() const { return jumps_; }
 
  private:
   enum class Phase : std::uint8_t {
@@ -60,6 +65,7 @@ class EtherCatEncoder {
   static constexpr double kSurprise = 3;
 
   std::int64_t signed_counts(std::uint32_t difference) const;
+  bool is_possible(std::uint32_t counter, double unread) const;
   bool is_explained(std::uint32_t counter, double unread);
 
   bool wide_;
@@ -76,7 +82,10 @@ class EtherCatEncoder {
   double way_ = 0;                         // counts per s, the speed that the last two data had
   std::optional<std::uint32_t> doubtful_;  // counter that awaits its confirmation
   double doubtful_unread_ = 0;             // s, before it
-  bool was_restarted_ = false, may_have_wrapped_ = false, was_implausible_ = false;
+  double fastest_ = kFastest;              // counts per s
+  std::int32_t implausible_ = 0;
+  int in_a_row_ = 0, jumps_ = 0;
+  bool was_restarted_ = false, may_have_wrapped_ = false;
 };
 
 }  // namespace cotwin::io

@@ -27,8 +27,6 @@ constexpr const char* kRestarted =
     "an encoder terminal was switched off and on: its position continues from the last known one, movements meanwhile are "
     "unknown";
 
-constexpr const char* kImplausible =
-    "an encoder terminal gave counters that no motion explains (damaged frames?): they were not used";
 constexpr const char* kWrapped =
     "an encoder's counter of 16 bits was not read for longer than timeout: its position may be off by multiples of 65536 "
     "counts "
@@ -95,6 +93,7 @@ EtherCatLink::EtherCatLink(Settings& settings, const std::vector<trajectory::Axi
       devices_(slaves_.size()),
       joint_of_(joints_of(slaves_, joints.size(), kEtherCatPlace)),
       n_(joints.size()),
+      axes_(joints),
       drives_(slaves_, joint_of_, joints, settings.robot_used().get(), kEtherCatPlace),
       q_scale_(n_, 1.0),
       q_offset_(n_),
@@ -146,7 +145,7 @@ TickSource* EtherCatLink::tick_source() {
 
 void EtherCatLink::declare(Variables& v, JointVariables& joints) {
   for (std::size_t i = 0; i < slaves_.size(); ++i) declare_device(v, i);
-  v.output("operational", operational_, "whether all slaves are in OP and exchange data");
+  v.output("operational", operational_, "whether all slaves are in OP and the last two cycles were not silent");
   v.output("answering", answering_, "number of slaves that answer");
   v.output("state", state_, "state of each slave: 1 INIT, 2 PREOP, 4 SAFEOP, 8 OP; 0: it does not answer");
   v.output("al_code", al_code_, "AL status code of each slave's last error (ETG.1000.6); 0: none");
@@ -161,11 +160,15 @@ void EtherCatLink::declare(Variables& v, JointVariables& joints) {
   v.output("wrong_slaves", wrong_slaves_, "times at which another device was found in the place of a slave");
   v.output("unexpected_slaves", unexpected_slaves_, "times at which more slaves answered than there should be");
   v.output("recovered", recovered_, "slaves that were brought back to OP");
+  v.output("implausible", implausible_,
+           "inputs of encoders and drives that no motion explains, which were not used; 5 in a row are a loss");
   v.output("clock_difference", clock_difference_, "s",
            "largest deviation from the reference clock that the slaves report; 0 without clocks")
       .discrete();
   v.parameter("cycle", cycle_, "s", "cycle of the bus, of SYNC0 and of the clock that the bus is for the run").range(1e-5, 1);
-  v.parameter("timeout", timeout_, "s", "time without an answer after which the bus is not operational").range(0, 10);
+  v.parameter("timeout", timeout_, "s",
+              "time without an answer after which the bus is lost; at most the 0.1 s after which slaves switch off")
+      .range(0, 10);
   v.parameter("wait", wait_, "s", "time for which a silent bus is waited for at the start").range(0, 3600);
   v.parameter("sii_folder", sii_folder_,
               "folder to which the SII images of all slaves are written at the start, for devices that are described by them");
@@ -274,11 +277,14 @@ void EtherCatLink::initialise(Time start, Measured& measured) {
   std::vector<ethercat::ExpectedSlave> expected = expected_slaves(slaves_, sync0_, shift);
   drives_.add_start_up(expected);
   ethercat::BusSetup bus = ethercat::set_up_bus(exchange, expected, options);
-  master_ = std::make_unique<ethercat::Master>(std::move(bus), options.cycle, nanoseconds(timeout_),
+  master_ = std::make_unique<ethercat::Master>(std::move(bus), options.cycle,
+                                               std::min(nanoseconds(timeout_), ethercat::kOutputWatchdog),
                                                ethercat::BusTime{0, options.system_time, options.host_time});
   zero_ = wire_->now() - start.ns;
-  for (Device& d : devices_) {
-    if (d.encoder) d.encoder->reset();
+  for (std::size_t i = 0; i < devices_.size(); ++i) {
+    Device& d = devices_[i];
+    const std::size_t j = joint_of_[i];
+    if (d.encoder) d.encoder->reset(std::min(EtherCatEncoder::kFastest, largest_speed(axes_[j]) / std::abs(q_scale_[j])));
     d.restarts = 0;
   }
   measured.q = q_offset_;
@@ -286,7 +292,8 @@ void EtherCatLink::initialise(Time start, Measured& measured) {
   std::fill(measured.ddq.begin(), measured.ddq.end(), 0.0);
   measured.fresh = false;
   last_h_ = Duration{nanoseconds(cycle_)};
-  failed_ = was_operational_ = ended_ = stepped_ = bus_lost_ = false;
+  failed_ = was_operational_ = ended_ = stepped_ = bus_lost_ = in_op_ = false;
+  jumps_ = 0;
   stopped_ = true;
   write_statistics();
 }
@@ -330,10 +337,11 @@ StepResult EtherCatLink::step(Time now, Duration h, const Command& command, Meas
   if (measured.fresh) drives_.read(*master_);
   measure(measured);
   drives_.measure(measured, dq_cutoff_, patience());
-  const bool before = operational_;
   write_statistics();
-  failed_ = failed_ || (before && !operational_);
-  if (before && !operational_) {
+  const bool before = std::exchange(in_op_, master_->operational());
+  failed_ = failed_ || (before && !in_op_);
+  const int jumps_before = std::exchange(jumps_, encoder_jumps());
+  if ((before && !in_op_) || jumps_ > jumps_before) {
     bus_lost_ = true;
     acknowledgement_.demand();
   }
@@ -404,12 +412,18 @@ void EtherCatLink::measure(Measured& measured) {
   }
 }
 
+int EtherCatLink::encoder_jumps() const {
+  int jumps = 0;
+  for (const std::size_t i : encoders_) jumps += devices_[i].encoder->jumps();
+  return jumps;
+}
+
 void EtherCatLink::write_statistics() {
   const ethercat::Master::Counters& c = master_->counters();
   const auto narrow = [](std::int64_t value) {
     return static_cast<std::int32_t>(std::min<std::int64_t>(value, std::numeric_limits<std::int32_t>::max()));
   };
-  operational_ = master_->operational();
+  operational_ = master_->operational() && master_->present() > 0;
   answering_ = master_->present();
   for (std::size_t i = 0; i < slaves_.size(); ++i) {
     const ethercat::Master::SlaveStatus& s = master_->status(i);
@@ -428,6 +442,8 @@ void EtherCatLink::write_statistics() {
   unexpected_slaves_ = narrow(c.unexpected);
   recovered_ = narrow(c.recovered);
   clock_steps_ = narrow(c.clock_steps);
+  implausible_ = drives_.implausible();
+  for (const std::size_t i : encoders_) implausible_ += devices_[i].encoder->implausible();
   clock_difference_ = 1e-9 * static_cast<double>(master_->clock_difference());
 }
 
@@ -446,7 +462,15 @@ void EtherCatLink::append_notes(std::vector<std::string>& sentences) const {
   };
   if (any(&EtherCatEncoder::was_restarted)) sentences.emplace_back(kRestarted);
   if (any(&EtherCatEncoder::may_have_wrapped)) sentences.emplace_back(kWrapped);
-  if (any(&EtherCatEncoder::was_implausible)) sentences.emplace_back(kImplausible);
+  if (implausible_ > drives_.implausible()) {
+    sentences.push_back(std::to_string(implausible_ - drives_.implausible()) +
+                        " counters of encoder terminals that no motion explains were not used (damaged, or beyond twice the "
+                        "limit of speed that the URDF gives the joint)");
+  }
+  if (jumps_ > 0) {
+    sentences.push_back("encoder terminals gave such counters " + std::to_string(jumps_) +
+                        " times in a row: positions stayed and are uncertain since then");
+  }
   drives_.append_notes(sentences);
   if (!stopped_) sentences.emplace_back(kNotStopped);
 }

@@ -53,6 +53,7 @@ class EtherCatLink final : public Link {
   void measure(Measured& measured);
   double patience() const { return std::max(timeout_, 3 * cycle_); }  // s
   void check_cycle(Duration h);
+  int encoder_jumps() const;
   void write_statistics();
 
   std::string interface_;
@@ -62,6 +63,7 @@ class EtherCatLink final : public Link {
   std::vector<std::size_t> encoders_;  // positions
   std::vector<std::size_t> joint_of_;  // of each slave that has one
   std::size_t n_;
+  std::vector<trajectory::Axis> axes_;
   EtherCatDrives drives_;
   std::optional<EtherCatField> field_;
   std::unique_ptr<ethercat::Wire> wire_;
@@ -82,10 +84,12 @@ class EtherCatLink final : public Link {
   std::int32_t answering_ = 0;
   std::vector<std::int32_t> state_, al_code_;
   std::int32_t cycles_ = 0, lost_ = 0, late_ = 0, foreign_ = 0, unsent_ = 0, working_counter_errors_ = 0, slaves_lost_ = 0,
-               slave_faults_ = 0, wrong_slaves_ = 0, unexpected_slaves_ = 0, recovered_ = 0;
+               slave_faults_ = 0, wrong_slaves_ = 0, unexpected_slaves_ = 0, recovered_ = 0, implausible_ = 0;
   double clock_difference_ = 0;
   std::int32_t clock_steps_ = 0;
   Acknowledgement acknowledgement_;
+  int jumps_ = 0;          // of the encoders, that were followed by a stop
+  bool in_op_ = false;     // as the master has it, which waits for `timeout`
   bool bus_lost_ = false;  // it awaits the acknowledgement of a loss of the bus, not only of a stop of the drives
 };
 

@@ -39,7 +39,7 @@ const char* reason(fri::Fault fault) {
     case fri::Fault::kChecksum:
       return "its checksum is wrong";
     case fri::Fault::kNotFinite:
-      return "a number is not finite";
+      return "a number is not finite or too large";
     default:
       return "it is no message of this protocol";
   }
@@ -60,7 +60,7 @@ FriLink::FriLink(Settings& settings, std::vector<trajectory::Axis> joints)
       n_(joints.size()),
       datagrams_(*this),
       synchronisation_(n_),
-      jumps_(n_),
+      jumps_(joints),
       port_(default_port(protocol_)),
       dq_command_max_(n_, kSafeSpeed),
       writes_(settings.text("io_write"), fri::Io::Direction::kOutput, kFriPlace + "&io_write"),
@@ -155,6 +155,7 @@ void FriLink::initialise(Time start, Measured& measured) {
   measured.fresh = measured.done = false;
   connected_ = commanding_ = following_ = follows_ = begins_ = was_connected_ = false;
   state_ = quality_ = command_mode_ = losses_ = refused_ = unsent_ = restarts_ = 0;
+  jumps_.begin();
   sessions_ = 0;
   inputs_ = Inputs(n_);
   wanted_ = {};
@@ -280,7 +281,7 @@ bool FriLink::take(const DatagramQueue::Datagram& datagram, std::int64_t arrival
   const auto reception = client_->receive(datagram.bytes, datagram.from, arrival, datagram.arrival);
   if (reception == fri::Client::Reception::kRefused) return false;
   if (client_->statistics().sessions != sessions_) begin_session();
-  watch_position();
+  if (!is_believed()) return false;
   if (client_->monitoring().state == fri::SessionState::kIdle) answer_ = {};
   if (reception == fri::Client::Reception::kAnswerDue) {
     choose_command();
@@ -302,15 +303,20 @@ void FriLink::begin_session() {
   wanted_.krl = {};
 }
 
-/// A robot that jumps is somewhere else than the command: it is followed there.
-void FriLink::watch_position() {
+/// Whether a motion explains the position of the newest message; otherwise it counts as lost. A robot that jumps is somewhere else than the
+/// command: it is followed there.
+bool FriLink::is_believed() {
   const fri::Monitoring& m = client_->monitoring();
   const std::int64_t newest = client_->statistics().monitoring.newest();
-  if (newest == position_) return;
+  if (newest == position_) return true;
   const double elapsed = position_ >= 0 ? m.send_period * static_cast<double>(newest - position_) : 0;
-  if (!jumps_.add({m.q_measured.data(), n_}, elapsed)) return;
-  demand_acknowledgement();
-  begins_ = true;
+  const bool same_period = position_ < 0 || m.send_period == period_;
+  const JumpDetector::Verdict verdict = jumps_.add({m.q_measured.data(), n_}, elapsed, same_period);
+  if (verdict == JumpDetector::Verdict::kJump) {
+    demand_acknowledgement();
+    begins_ = true;
+  }
+  return verdict != JumpDetector::Verdict::kHeld;
 }
 
 void FriLink::measure(Measured& measured) {
@@ -391,6 +397,7 @@ void FriLink::append_notes(std::vector<std::string>& sentences) const {
   }
   sentences.push_back("robot: " + std::to_string(counts_.received) + " messages, " + std::to_string(counts_.lost) + " lost, " +
                       std::to_string(counts_.answers) + " answers");
+  jumps_.append_notes(sentences, "messages");
   if (unsent_ > 0) sentences.push_back(std::to_string(unsent_) + " answers to the robot could not be sent");
   if (restarts_ > 0) sentences.push_back("the robot's controller began anew " + std::to_string(restarts_) + " times");
   if (acknowledgement_.awaits())

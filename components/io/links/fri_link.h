@@ -89,7 +89,7 @@ class FriLink final : public Link {
   bool take(const DatagramQueue::Datagram& datagram, std::int64_t arrival, std::int64_t now);
   std::int64_t repetition() const;
   void begin_session();
-  void watch_position();
+  bool is_believed();
   bool robot_ready() const;
   void demand_acknowledgement() {
     if (drives()) acknowledgement_.demand();

@@ -36,7 +36,7 @@ void count(std::int32_t& number, std::uint64_t more = 1) { number = saturated(st
 RtdeLink::RtdeLink(Settings& settings, const std::vector<trajectory::Axis>& joints)
     : n_(joints.size()),
       synchronisation_(n_),
-      jumps_(n_),
+      jumps_(joints),
       dq_command_max_(n_, kSafeSpeed),
       torque_per_current_(n_),
       K_P_(n_),
@@ -97,6 +97,7 @@ void RtdeLink::declare(Variables& v, JointVariables& joints) {
   v.output("rejected", rejected_,
            "packages that could not be read, with numbers that are not finite or larger than 1e9, or with a time stamp that "
            "jumps by more than 1 h");
+  jumps_.declare(v, "packages");
   v.output("sent", sent_, "commands sent");
   v.output("unsent", unsent_, "commands that the network did not take in time");
   v.output("refused", refused_,
@@ -209,7 +210,7 @@ void RtdeLink::initialise(Time start, Measured& measured) {
   const net::Endpoint controller = net::endpoint_of(controller_, rtde::kPort, kRtdePlace + ": controller");
   choose_mode();
   acknowledgement_.begin(kRtdePlace);
-  jumps_.forget();
+  jumps_.begin();
   constexpr double kDelay = 2;  // cycles: the package, and the command
   if (commands_) gains_.check(K_P_, K_D_, std::array{1 / frequency_}, kDelay, kRtdePlace);
   constexpr double kLeastSilence = 2;  // s
@@ -266,12 +267,25 @@ bool RtdeLink::read_all(Time now, Measured& measured) {
   return measured.fresh;
 }
 
+/// Whether a motion of the robot explains the newest package. One that none does is not used; several in a row show that the robot is elsewhere
+/// or that its clock has begun anew.
+bool RtdeLink::is_believed(double t, std::int64_t host) {
+  const rtde::Client& c = line_.client();
+  const auto joints = [&](const char* name) { return c.values().subspan(c.directory().slot(name), n_); };
+  const double since = t - t_robot_, passed = static_cast<double>(host - arrived_) / 1e9;
+  const bool in_time = !connected_ || (since >= 0 && since <= passed + patience());
+  const JumpDetector::Verdict verdict = jumps_.add(joints("actual_q"), elapsed_, in_time && jumps_.allows(joints("actual_qd")));
+  if (verdict == JumpDetector::Verdict::kJump) demand_acknowledgement();
+  return verdict != JumpDetector::Verdict::kHeld;
+}
+
 void RtdeLink::measure(Measured& measured) {
   const rtde::Client& c = line_.client();
   const double t = c.value("timestamp");
   const std::int64_t host = monotonic_now();
-  if (connected_ && t < t_robot_) demand_acknowledgement();  // its clock has begun anew
   elapsed_ = connected_ && t > t_robot_ && t - t_robot_ <= rtde::kLongestPause ? t - t_robot_ : 0;
+  count(received_);
+  if (!is_believed(t, host)) return;
   if (elapsed_ > 0) {
     measured.elapsed += elapsed_;
     count(skipped_, static_cast<std::uint64_t>(std::max(std::round(elapsed_ * frequency_) - 1, 0.0)));
@@ -279,7 +293,6 @@ void RtdeLink::measure(Measured& measured) {
   }
   arrived_ = host;
   t_robot_ = t;
-  count(received_);
   connected_ = was_connected_ = measured.fresh = true;
   const double old = ddq_cutoff_ > 0 ? std::exp(-2 * std::numbers::pi * ddq_cutoff_ * elapsed_) : 0;
   has_torque_ = c.has("actual_current_as_torque");
@@ -296,7 +309,6 @@ void RtdeLink::measure(Measured& measured) {
     measured.tau[i] = has_torque_ ? c.value("actual_current_as_torque", i) : current_[i] * torque_per_current_[i];
     q_robot_[i] = c.value("target_q", i);
   }
-  if (jumps_.add(measured.q, elapsed_)) demand_acknowledgement();
   measure_forces(measured);
   state_ = static_cast<std::int32_t>(c.value("output_int_register_25"));
   robot_mode_ = static_cast<std::int32_t>(c.value("robot_mode"));
@@ -467,6 +479,7 @@ void RtdeLink::append_notes(std::vector<std::string>& sentences) const {
   }
   sentences.push_back("robot: " + std::to_string(received_) + " data packages, " + std::to_string(skipped_) + " left out, " +
                       std::to_string(sent_) + " commands");
+  jumps_.append_notes(sentences, "packages");
   if (acknowledgement_.awaits())
     sentences.emplace_back("at the end nothing was commanded: acknowledge had not risen since a loss");
   if (losses_ > 0) {

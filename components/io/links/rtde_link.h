@@ -46,6 +46,7 @@ class RtdeLink final : public Link {
   double patience() const;
   rtde::ClientSettings client_settings() const;
   bool read_all(Time now, Measured& measured);
+  bool is_believed(double t, std::int64_t host);
   void measure(Measured& measured);
   void measure_forces(Measured& measured);
   void count_reflected();

@@ -14,7 +14,7 @@ namespace cotwin::ethercat {
 namespace {
 
 constexpr std::size_t kLargestSegment = 1200;  // bytes; leaves room for clock and state in the same frame
-constexpr std::uint16_t kWatchdogDivider = 0x09c2, kWatchdogTime = 1000;  // 100 us, and 1000 of them
+constexpr std::uint16_t kWatchdogDivider = 0x09c2, kWatchdogTime = kOutputWatchdog / 100'000;  // of 100 us
 constexpr int kLatches = 5;  // broadcasts that latch the receive times, until all clocks have taken one
 
 class BusBuilder {

@@ -52,6 +52,8 @@ struct BusSlave {
 };
 
 /// Logical addresses from the beginning of a segment to that of the next.
+/// ns without a frame after which slaves switch their outputs off.
+inline constexpr std::int64_t kOutputWatchdog = 100'000'000;
 inline constexpr std::uint32_t kSegmentSpan = 0x1000;
 
 /// Part of the process image that one datagram exchanges.

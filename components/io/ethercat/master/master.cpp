@@ -93,10 +93,10 @@ void Master::take(std::span<const std::uint8_t> frame, std::int64_t now) {
 
 /// Whether the datagrams of an answer are those that are sent for a segment in this cycle or in another one. Slaves change the address of
 /// broadcasts only.
-bool Master::is_answer(FrameReader reader, std::size_t segment) const {
+bool Master::is_answer(FrameReader reader, std::size_t segment, std::uint8_t index) const {
   Datagram d;
   const auto next_is = [&](Command command, std::size_t length) {
-    return reader.next(d) && d.command == command && d.length == length;
+    return reader.next(d) && d.command == command && d.length == length && d.index == index;
   };
   if (segment == 0) {
     if (bus_.reference >= 0) {
@@ -143,7 +143,7 @@ bool Master::is_errand(const Datagram& d) const {
 
 void Master::read_cyclic(const FrameReader& frame, std::uint8_t index, std::int64_t now) {
   std::size_t segment = 0;
-  while (segment < frames_.size() && !is_answer(frame, segment)) ++segment;
+  while (segment < frames_.size() && !is_answer(frame, segment, index)) ++segment;
   if (segment == frames_.size()) {
     ++counters_.foreign;
     return;
@@ -168,7 +168,8 @@ void Master::read_cyclic(const FrameReader& frame, std::uint8_t index, std::int6
       read_system_time(load<std::int64_t>(data.data()), d.working_counter, now);
     } else if (d.command == Command::kBrd) {
       states_ = data[0];
-      answering_ = d.working_counter;
+      if (counted_ == d.working_counter) answering_ = counted_;
+      counted_ = d.working_counter;
     } else {
       const Segment& s = bus_.segments[segment];
       const bool writes = d.command == Command::kLwr;
@@ -219,7 +220,7 @@ void Master::close_cycle(std::int64_t now) {
   if (frames_[0].answered && answering_ > slaves && !crowded_) ++counters_.unexpected;
   if (frames_[0].answered) crowded_ = answering_ > slaves;
   fresh_ = answered && complete;
-  const bool bad = wrong || (frames_[0].answered && (answering_ != slaves || states_ != kAllOp));
+  const bool bad = wrong || (frames_[0].answered && (counted_ != slaves || states_ != kAllOp));
   const bool good = fresh_ && !bad;
   if (good) {
     last_good_ = now;
@@ -235,12 +236,14 @@ bool Master::all_in_op() const {
   return std::all_of(status_.begin(), status_.end(), [](const SlaveStatus& s) { return s.present && s.state == State::kOp; });
 }
 
+bool Master::all_answer() const { return counted_ == answering_ && answering_ == static_cast<int>(bus_.slaves.size()); }
+
 void Master::send_frames(Wire& wire) {
   index_ = static_cast<std::uint8_t>((index_ + 1) % kAcyclic);
   // A reference that is away or not yet set again must not pass its time on. Whether it is there, the last cycle has shown; if it has
   // gone since then, the others take over what is sent: the extrapolated time.
-  const bool distributes = std::exchange(reference_read_, false) && !status_[static_cast<std::size_t>(bus_.reference)].down &&
-                           answering_ == static_cast<int>(bus_.slaves.size());
+  const bool distributes =
+      std::exchange(reference_read_, false) && !status_[static_cast<std::size_t>(bus_.reference)].down && all_answer();
   time_command_ = distributes ? Command::kFrmw : Command::kFprd;
   ++counters_.cycles;
   for (std::size_t i = 0; i < frames_.size(); ++i) {
@@ -300,7 +303,7 @@ void Master::choose_errand(std::int64_t now) {
   for (std::size_t i = 0; i < slaves; ++i) {
     Recovery& r = recoveries_[i];
     // Positions count only while all slaves answer.
-    const bool lost_place = r.way == Way::kAddress && answering_ != static_cast<int>(slaves);
+    const bool lost_place = r.way == Way::kAddress && !all_answer();
     if (r.way != Way::kNone && (lost_place || r.sequence.status() != Sequence::Status::kBusy)) end_sequence(i, now);
   }
   acyclic_ = AcyclicRequest::kNone;
@@ -308,9 +311,8 @@ void Master::choose_errand(std::int64_t now) {
   if (turn_ != 0 && choose_recovery()) return;
   // A slave that gets its address does not answer under it yet.
   std::size_t n = 0;
-  do {
-    looked_at_ = (looked_at_ + 1) % slaves;
-  } while (recoveries_[looked_at_].way == Way::kAddress && ++n < slaves);
+  if (!std::exchange(look_again_, false)) looked_at_ = (looked_at_ + 1) % slaves;
+  while (recoveries_[looked_at_].way == Way::kAddress && ++n < slaves) looked_at_ = (looked_at_ + 1) % slaves;
   if (n == slaves) {
     choose_recovery();
     return;
@@ -358,23 +360,37 @@ void Master::read_acyclic(bool answered, std::uint16_t working_counter, std::spa
     see_state(working_counter == 1, data, now);
   } else if (acyclic_ == AcyclicRequest::kDifference && data.size() == 4 && working_counter == 1) {
     const std::int64_t now_reported = load<std::uint32_t>(data.data()) & 0x7fffffffu;
-    const std::int64_t before = std::exchange(reported_[looked_at_], now_reported);
-    difference_ = std::max(difference_, std::min(before, now_reported));
+    auto& [last, before] = reported_[looked_at_];
+    difference_ = std::max(difference_, std::min({before, last, now_reported}));
+    before = std::exchange(last, now_reported);
   }
+}
+
+/// Whether what a slave says of itself is nothing new or was said twice in a row. Otherwise it is asked again: a damaged frame brings no slave
+/// down.
+bool Master::is_confirmed(bool present, std::span<const std::uint8_t> data) {
+  const SlaveStatus& status = status_[looked_at_];
+  const bool same_state = !present || (data[0] & (kStateBits | kStateError)) == static_cast<std::uint8_t>(status.state);
+  if (present == status.present && same_state) return true;
+  std::array<std::uint8_t, 7> said{static_cast<std::uint8_t>(present)};
+  if (present) std::ranges::copy(data, said.begin() + 1);
+  look_again_ = doubted_ != said;
+  doubted_ = look_again_ ? said : decltype(doubted_){0xff};
+  return !look_again_;
 }
 
 void Master::see_state(bool present, std::span<const std::uint8_t> data, std::int64_t now) {
   const std::size_t slave = looked_at_;
   SlaveStatus& status = status_[slave];
   Recovery& recovery = recoveries_[slave];
-  const int slaves = static_cast<int>(bus_.slaves.size());
+  if (!is_confirmed(present, data)) return;
   if (!present) {
     if (status.present) ++counters_.slave_lost;
     status.present = false;
     status.down = true;
     if (std::exchange(recovery.way, Way::kNone) != Way::kNone) return;  // it has gone again
     // All slaves answer, but this one not under its address: it has been switched off and on, or replaced.
-    if (answering_ == slaves && now >= recovery.retry) begin(slave, Way::kAddress, now);
+    if (all_answer() && now >= recovery.retry) begin(slave, Way::kAddress, now);
     return;
   }
   status.present = true;

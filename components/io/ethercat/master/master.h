@@ -83,7 +83,7 @@ class Master {
   /// ns, Wire::now() in the middle between sending and receiving that frame.
   std::int64_t system_time_at() const { return system_time_at_; }
   /// Largest deviation from the reference that slaves report, ns (register 0x092C), of the last round over all slaves. Of each slave the
-  /// smaller one of its last two reports counts: a damaged frame changes nothing.
+  /// smallest of its last three reports counts: damaged frames change nothing.
   std::int64_t clock_difference() const { return clock_difference_; }
 
  private:
@@ -105,7 +105,7 @@ class Master {
 
   void take(std::span<const std::uint8_t> frame, std::int64_t now);
   bool is_silent() const { return unanswered_ >= 2; }
-  bool is_answer(FrameReader reader, std::size_t segment) const;
+  bool is_answer(FrameReader reader, std::size_t segment, std::uint8_t index) const;
   bool is_intact(const FrameReader& frame, std::size_t segment) const;
   bool is_errand(const Datagram& d) const;
   void read_cyclic(const FrameReader& frame, std::uint8_t index, std::int64_t now);
@@ -113,10 +113,12 @@ class Master {
   void read_acyclic(bool answered, std::uint16_t working_counter, std::span<const std::uint8_t> data, std::int64_t now);
   void close_cycle(std::int64_t now);
   bool all_in_op() const;
+  bool all_answer() const;
   void send_frames(Wire& wire);
   void add_process_data(FrameWriter& writer, const Segment& s);
   void choose_errand(std::int64_t now);
   void send_errand(Wire& wire);
+  bool is_confirmed(bool present, std::span<const std::uint8_t> data);
   void see_state(bool present, std::span<const std::uint8_t> data, std::int64_t now);
   void reach_op(std::size_t slave);
   void begin(std::size_t slave, Way way, std::int64_t now);
@@ -141,7 +143,8 @@ class Master {
   bool watching_ = true;  // something is wrong: the states of the slaves are read one by one
   bool crowded_ = false;  // more slaves answer than there should be
   std::int64_t last_good_ = 0;
-  int answering_ = 0, unanswered_ = 0;  // slaves; cycles in a row without the answer that counts them
+  int counted_ = 0, answering_ = 0;  // slaves in the last answer, and in two of them in a row
+  int unanswered_ = 0;               // cycles in a row without the answer that counts them
   // FPRD while the reference clock is not to be followed, and after each cycle in which it was not read.
   Command time_command_ = Command::kFprd;
   bool reference_read_ = false;  // a plausible time came with the last cycle
@@ -151,15 +154,17 @@ class Master {
   std::uint8_t states_ = 0;      // of all slaves, combined by OR
   std::int64_t system_time_ = 0, system_time_at_ = 0;
   std::int64_t clock_difference_ = 0, difference_ = 0;  // of the last round over the slaves, of this one
-  std::vector<std::int64_t> reported_;                  // ns, by each slave before
+  std::vector<std::array<std::int64_t, 2>> reported_;   // ns, by each slave before, the newer one first
 
   AcyclicRequest acyclic_ = AcyclicRequest::kNone;
   bool acyclic_open_ = false;  // it waits for its answer
   std::uint8_t acyclic_index_ = 128;
   std::array<Datagram, 128> acyclic_sent_;  // the last ones, by their indices
   std::size_t looked_at_ = 0;               // slave of kState and kDifference
-  std::size_t recovering_ = 0;              // slave of kSequence
-  int turn_ = 0;                            // acyclic requests since the last one for the states, while slaves are brought back
+  std::array<std::uint8_t, 7> doubted_{};   // its answer that is asked for once more: whether it is present, AL status and code
+  bool look_again_ = false;
+  std::size_t recovering_ = 0;  // slave of kSequence
+  int turn_ = 0;                // acyclic requests since the last one for the states, while slaves are brought back
 };
 
 }  // namespace cotwin::ethercat

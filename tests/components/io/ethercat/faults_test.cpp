@@ -184,13 +184,14 @@ TEST(FaultyBus, DamagedFramesMoveNoEncoderAndPublishNoDifferenceOfClocks) {
     const std::int64_t behind = std::abs(encoder.counts() - start - position);
     // Recovering after damaged states of slaves takes a while without data.
     if (cell.master->fresh()) {
-      ASSERT_LE(behind, i < 3000 ? 4 : 2 * 40) << i << ": data are a cycle old, and one more while a counter is doubted";
+      ASSERT_LE(behind, i < 3000 ? 4 : 2 * 40 + 23)
+          << i << ": data are a cycle old, one more while a counter is doubted, and half of the way is believed";
     }
     largest = std::max(largest, cell.master->clock_difference());
   }
   EXPECT_GT(damaged, 200);
   EXPECT_LT(largest, 2000) << "ns";
-  EXPECT_TRUE(encoder.was_implausible());
+  EXPECT_GT(encoder.implausible(), 0);
 }
 
 TEST(FaultyBus, TakesNoForeignAnswerForThatOfAnErrand) {

@@ -168,6 +168,21 @@ TEST(EtherCatLink, ShowsATotalLossWithinTwoCycles) {
   for (std::size_t i = 0; i < 4; ++i) EXPECT_EQ(io.integer("state", i), 8) << i;
 }
 
+// However long its timeout: the slaves have switched off themselves after 0.1 s.
+TEST(EtherCatLink, AwaitsAnAcknowledgementAfterASilenceInWhichSlavesSwitchOff) {
+  Ports io(kCell);
+  io.set("timeout", "10");
+  io.start();
+  io.steps(100);
+  ASSERT_TRUE(io.boolean("operational"));
+  io.set("cut", "0");
+  io.steps(4);
+  EXPECT_FALSE(io.boolean("operational"));
+  EXPECT_FALSE(io.boolean("awaits_acknowledgement"));
+  io.steps(101);
+  EXPECT_TRUE(io.boolean("awaits_acknowledgement"));
+}
+
 TEST(EtherCatLink, SwitchesOutputsOnAgainAsItsRestartSays) {
   for (const std::string restart : {"acknowledged", "automatic"}) {
     Ports io(kCell);

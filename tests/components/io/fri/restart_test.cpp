@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <initializer_list>
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -16,9 +18,18 @@
 namespace cotwin::io::restart_test {
 namespace {
 
+/// Joints without and with a limit of speed, rad/s.
+std::vector<trajectory::Axis> axes(std::initializer_list<double> limits) {
+  std::vector<trajectory::Axis> result;
+  for (const double limit : limits) result.emplace_back().dq_max = limit;
+  return result;
+}
+constexpr double kNone = std::numeric_limits<double>::infinity();
+using Verdict = JumpDetector::Verdict;
+
 TEST(JumpDetector, FindsJumpsButNoMotions) {
   for (const double h : {0.001, 0.002, 0.005, 0.02}) {
-    JumpDetector jumps(2);
+    JumpDetector jumps(axes({kNone, kNone}));
     // 2 rad/s from the first position on, then a reversal with 30 rad/s²; one position of three is lost.
     double q = 0, dq = 2, since = 0;
     for (int k = 0; k < 400; ++k) {
@@ -26,20 +37,52 @@ TEST(JumpDetector, FindsJumpsButNoMotions) {
       q += dq * h;
       since += h;
       if (k % 3 == 1) continue;
-      ASSERT_FALSE(jumps.add(std::array{0.0, q}, k == 0 ? 0 : since)) << h << ' ' << k;
+      ASSERT_EQ(jumps.add(std::array{0.0, q}, k == 0 ? 0 : since), Verdict::kPlausible) << h << ' ' << k;
       since = 0;
     }
-    for (const double jump : {0.004, 0.3, -0.3}) {
+    for (const double jump : {0.004, 0.7, -0.7}) {
       q += jump;
-      EXPECT_EQ(jumps.add(std::array{0.0, q += dq * h}, h), std::abs(jump) > 0.1) << h << ' ' << jump;
-      for (int k = 0; k < 5; ++k) EXPECT_FALSE(jumps.add(std::array{0.0, q += dq * h}, h)) << "once";
+      since = 0;
+      for (int k = 0; k < 8; ++k) {
+        const Verdict verdict = jumps.add(std::array{0.0, q += dq * h}, since += h);
+        const bool real = std::abs(jump) > 0.1;
+        EXPECT_EQ(verdict, real && k < 4    ? Verdict::kHeld
+                           : real && k == 4 ? Verdict::kJump
+                                            : Verdict::kPlausible)
+            << h << ' ' << jump << ' ' << k;
+        if (verdict != Verdict::kHeld) since = 0;
+      }
     }
     jumps.forget();
-    EXPECT_FALSE(jumps.add(std::array{5.0, 5.0}, h)) << "another session";
+    EXPECT_EQ(jumps.add(std::array{5.0, 5.0}, h), Verdict::kPlausible) << "another session";
   }
-  JumpDetector jumps(1);
-  for (int k = 0; k < 5; ++k) EXPECT_FALSE(jumps.add(std::array{1.0}, 0.001));
-  EXPECT_TRUE(jumps.add(std::array{1.0055}, 0.001)) << "at rest 5 mrad are the limit";
+  JumpDetector jumps(axes({kNone}));
+  for (int k = 0; k < 5; ++k) EXPECT_EQ(jumps.add(std::array{1.0}, 0.001), Verdict::kPlausible);
+  EXPECT_EQ(jumps.add(std::array{1.0055}, 0.001), Verdict::kHeld) << "at rest 5 mrad are the limit";
+}
+
+TEST(JumpDetector, HoldsSingleOnesAndThoseFasterThanTwiceTheLimit) {
+  JumpDetector jumps(axes({1}));
+  // The largest speed and twice of it, with every third position damaged.
+  for (const double dq : {1.0, 1.9}) {
+    double since = 0;
+    jumps.forget();
+    for (int k = 0; k < 300; ++k) {
+      since += 0.01;
+      const double q = dq * 0.01 * k;
+      const bool damaged = k % 3 == 2;
+      ASSERT_EQ(jumps.add(std::array{damaged ? q + 1 : q}, since), damaged ? Verdict::kHeld : Verdict::kPlausible) << k;
+      if (!damaged) since = 0;
+    }
+  }
+  EXPECT_EQ(jumps.implausible(), 200);
+  jumps.forget();
+  int jumped = 0;
+  for (int k = 0; k < 50; ++k) jumped += jumps.add(std::array{3 * 0.01 * k}, 0.01) == Verdict::kJump ? 1 : 0;
+  EXPECT_EQ(jumped, 9) << "each fifth after the first one";
+  EXPECT_FALSE(jumps.allows(std::array{2.1}));
+  EXPECT_TRUE(jumps.allows(std::array{-1.9}));
+  EXPECT_FALSE(jumps.allows(std::array{std::nan("")}));
 }
 
 class FriRestart : public ::testing::TestWithParam<Protocol> {};
@@ -117,6 +160,33 @@ TEST_P(FriRestart, AJumpIsFollowedByNothingUntilItIsAcknowledged) {
   rig.put(moved());
   expect_held_until_acknowledged(rig, moved());
   EXPECT_EQ(rig.twin.integer("restarts") + rig.twin.integer("losses"), 0);
+}
+
+// Four of five messages are damaged and well-formed: they are not used, and the robot goes on.
+TEST_P(FriRestart, DamagedMessagesAreNotUsed) {
+  Rig rig(GetParam());
+  rig.begin();
+  rig.settle();
+  for (int k = 0; k < 100; ++k) {
+    const auto whole = rig.m;
+    if (k % 5 == 1) rig.m.q_measured[0] += 0.5;
+    if (k % 5 == 2) rig.m.tau_external[3] = 1e6;
+    if (k % 5 == 3) rig.m.send_period = 0.064;
+    if (k % 5 == 4) rig.m.q_measured[6] = -1e8;
+    const bool answered = rig.period();
+    rig.m.q_measured = whole.q_measured;
+    rig.m.tau_external = whole.tau_external;
+    rig.m.send_period = whole.send_period;
+    EXPECT_EQ(answered, k % 5 == 0) << k;
+    for (std::size_t i = 0; i < 7; ++i) {
+      ASSERT_NEAR(rig.twin.reals("q")[i], kQ[i], rig.rounding()) << k;
+      ASSERT_NEAR(rig.twin.reals("dq")[i], 0, 1e-3) << k;
+      ASSERT_LT(std::abs(rig.twin.reals("tau_e")[i]), 100) << k;
+    }
+  }
+  EXPECT_TRUE(rig.twin.boolean("commanding"));
+  EXPECT_FALSE(rig.twin.boolean("awaits_acknowledgement"));
+  EXPECT_EQ(rig.twin.integer("implausible") + rig.twin.integer("rejected"), 80);
 }
 
 TEST_P(FriRestart, TheEndOfCommandingIsFollowedByNothingUntilItIsAcknowledged) {

@@ -12,6 +12,7 @@
 #include <thread>
 #include <vector>
 
+#include "components/io/link/acknowledgement.h"
 #include "components/io/link/datagram_queue.h"
 #include "components/io/links/rtde_line.h"
 #include "tests/components/io/rtde/bytes.h"
@@ -239,6 +240,7 @@ TEST(RtdeLink, ALossARestartOrAJumpIsFollowedByNothingUntilItIsAcknowledged) {
       }
       s.robot.say(event == "stop" ? 3 : 2);
     }
+    if (event == "jump" || event == "clock") s.periods(JumpDetector::kMostHeld);  // nothing is sent
     for (int k = 0; k < 100; ++k) {
       s.period();
       ASSERT_EQ(s.request(), 0) << k;
@@ -263,6 +265,37 @@ TEST(RtdeLink, ALossARestartOrAJumpIsFollowedByNothingUntilItIsAcknowledged) {
     }
     EXPECT_NEAR(before, 0, 1e-9) << "where the twin is";
   }
+}
+
+// Four of five packages are damaged and well-formed: they are not used, and the robot goes on.
+TEST(RtdeLink, DamagedPackagesAreNotUsed) {
+  Beside s;
+  s.start();
+  ASSERT_TRUE(s.connects());
+  s.periods(5);
+  s.robot.say(2);
+  s.periods(260);
+  ASSERT_TRUE(s.twin.boolean("commanding"));
+  const auto q = s.robot.q;
+  const double started = s.robot.t;
+  for (int k = 0; k < 100; ++k) {
+    const double t = s.robot.t;
+    if (k % 5 == 1) s.robot.q[0] += 0.5;
+    if (k % 5 == 2) s.robot.q[4] = -1e8;
+    if (k % 5 == 3) s.robot.t += 100;
+    if (k % 5 == 4) s.robot.t -= 100;
+    s.period();
+    s.robot.q = q;
+    s.robot.t = t + 0.002;
+    for (std::size_t i = 0; i < 6; ++i) {
+      ASSERT_EQ(s.twin.reals("q")[i], q[i]) << k;
+      ASSERT_EQ(s.twin.reals("dq")[i], 0) << k;
+    }
+    ASSERT_NEAR(s.twin.real("t_robot"), started, 1) << k;
+  }
+  EXPECT_TRUE(s.twin.boolean("commanding"));
+  EXPECT_FALSE(s.twin.boolean("awaits_acknowledgement"));
+  EXPECT_EQ(s.twin.integer("implausible"), 80);
 }
 
 TEST(RtdeLink, OutputsAndRegistersStayUntilTheLossIsAcknowledged) {

@@ -1,0 +1,230 @@
+// Returning frames with flipped bits behind the header of their first datagram, as behind a switch or an interface that does not check the checksum
+// of Ethernet: nothing that the axes cannot do is given to the twin, and no single frame changes what is known of the slaves.
+#include <gmock/gmock-matchers.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <random>
+#include <vector>
+
+#include "components/io/emulators/ethercat_field.h"
+#include "components/io/links/ethercat_drives.h"
+#include "components/io/links/ethercat_encoder.h"
+#include "tests/components/io/ethercat/cell.h"
+#include "tests/components/io/ethercat/faulty_wire.h"
+
+namespace cotwin::ethercat::damage_test {
+namespace {
+
+using ::testing::Contains;
+using ::testing::HasSubstr;
+
+/// Flips one bit of a share of the frames that come back.
+struct Flips {
+  double share = 0;
+  std::mt19937 random{3};
+  int flipped = 0;
+  void operator()(std::span<std::uint8_t> frame) {
+    if (static_cast<double>(random() % 1000) >= 1000 * share) return;
+    ++flipped;
+    const std::size_t from = kFrameHeader + kDatagramHeader;
+    frame[from + random() % (frame.size() - from)] ^= static_cast<std::uint8_t>(1u << random() % 8);
+  }
+};
+
+// 40 counts per cycle, of at most 80 that are believed. Nine of ten frames are damaged at most, so that several in a row are.
+TEST(DamagedFrames, MoveNoEncoderFasterThanItsAxis) {
+  for (const double share : {0.01, 0.2, 0.9}) {
+    Cell cell;
+    cell.set_up();
+    cell.cycles(60);
+    FaultyWire wire(cell.wire);
+    Flips flips;
+    wire.changes = [&](std::span<std::uint8_t> frame) { flips(frame); };
+    io::EtherCatEncoder encoder(true);
+    encoder.reset(80e3);
+    std::int64_t position = 0, before = 0, start = 0;
+    int cycles = 0;
+    for (int i = 0; i < 6000; ++i) {
+      if (i == 100) flips.share = share;
+      cell.wire.advance_to(cell.next += kMs);
+      cell.encoder().set_position(position += 40, cell.next);
+      cell.master->cycle(wire);
+      encoder.advance(1e-3);
+      ++cycles;
+      if (cell.master->fresh()) encoder.read(cell.master->inputs(3), false, 0.02);
+      if (i == 100) start = encoder.counts() - position;
+      if (const auto speed = encoder.pop_speed(); speed && i > 100) {
+        ASSERT_LE(std::abs(speed->value), 80e3 + 3 / speed->duration) << share << ' ' << i;
+        cycles = 0;
+      }
+      ASSERT_LE(std::abs(encoder.counts() - before), 80 * (cycles + 200)) << share << ' ' << i;
+      before = encoder.counts();
+      if (i > 100 && cycles == 0) {
+        ASSERT_LE(std::abs(encoder.counts() - start - position), 250) << share << ' ' << i;
+      }
+    }
+    EXPECT_GT(flips.flipped, 6000 * share);
+    EXPECT_GT(encoder.implausible(), 0);
+    EXPECT_EQ(encoder.jumps(), 0) << share;
+  }
+}
+
+TEST(DamagedFrames, ChangeNothingThatIsKnownOfTheSlavesByASingleOne) {
+  Cell cell;
+  cell.set_up();
+  cell.cycles(500);
+  FaultyWire wire(cell.wire);
+  Flips flips;
+  flips.share = 1;
+  int cyclic = 0, errands = 0;
+  wire.changes = [&](std::span<std::uint8_t> frame) {
+    FrameReader reader(frame);
+    Datagram d;
+    if (!reader.next(d)) return;
+    // States are read one by one after a damaged cycle.
+    if (d.index < 0x80 ? ++cyclic % 20 == 0 : ++errands % 5 == 0) flips(frame);
+  };
+  std::int64_t largest = 0;
+  for (int i = 0; i < 20'000; ++i) {
+    cell.wire.advance_to(cell.next += kMs);
+    cell.master->cycle(wire);
+    ASSERT_TRUE(cell.master->present() == 4 || cell.master->present() == 0) << i << ": " << cell.master->present();
+    largest = std::max(largest, cell.master->clock_difference());
+  }
+  EXPECT_LT(largest, 100) << "ns";
+  EXPECT_EQ(cell.master->counters().slave_lost, 0);
+  for (std::size_t i = 0; i < 4; ++i) EXPECT_EQ(cell.master->status(i).restarts, 0) << i;
+}
+
+TEST(DamagedFrames, ACounterThatIsElsewhereLosesThePositionAndMovesNothing) {
+  io::EtherCatEncoder encoder(true);
+  encoder.reset(1000);
+  std::vector<std::uint8_t> in(10);
+  const auto read = [&](std::int64_t counter) {
+    io::write_bits(in, 16, 32, static_cast<std::uint32_t>(counter));
+    encoder.advance(1e-3);
+    encoder.read(in, false, 0.02);
+    return encoder.counts();
+  };
+  std::int64_t counter = 0;
+  for (int i = 0; i < 100; ++i) read(++counter);
+  const std::int64_t at = encoder.counts();
+  for (const int wrong : {1 << 19, 1 << 18, (1 << 18) + 1, 1 << 30}) EXPECT_EQ(read(counter + wrong), at);
+  EXPECT_EQ(read(++counter), at + 1) << "four damaged ones in a row are held, whatever they agree on";
+  EXPECT_EQ(encoder.jumps(), 0);
+  EXPECT_FALSE(encoder.uncertain);
+  counter += 100'000;
+  for (int i = 0; i < 5; ++i) EXPECT_EQ(read(++counter), at + 1);
+  EXPECT_EQ(encoder.jumps(), 1);
+  EXPECT_TRUE(encoder.uncertain);
+  for (int i = 0; i < 5; ++i) EXPECT_EQ(read(++counter), at + 2 + i) << "it goes on from where it was";
+  EXPECT_EQ(encoder.implausible(), 9);
+}
+
+/// Two emulated drives whose answers are damaged before they are read.
+struct Drives {
+  Drives()
+      : field(slaves, 2),
+        wire(field.bus()),
+        faulty(wire),
+        drives(slaves, io::joints_of(slaves, 2, "test"), axes(), nullptr, "test") {
+    const JointMeasures measures(nullptr);
+    JointVariables joints(v, measures);
+    drives.declare(v, joints);
+    field.declare(v, joints);
+    assign_text(v.at("drive_mode"), "position");
+    drives.initialise(1e-3, scale, offset, acknowledgement);
+    field.initialise(0);
+    field.apply(0);
+    Exchange exchange(wire);
+    std::vector<ExpectedSlave> expected = io::expected_slaves(slaves, false, 0);
+    drives.add_start_up(expected);
+    master.emplace(set_up_bus(exchange, expected, options), kMs, 20 * kMs, BusTime{});
+    next = wire.now();
+  }
+  static std::vector<io::SlaveChoice> choices() {
+    SettingList list;
+    io::declare_ethercat_settings(list);
+    Settings settings("io", "slaves=EK1100,q1:DRIVE402,q2:DRIVE402", {}, {});
+    settings.declare(std::move(list));
+    return io::read_slaves(settings, "test");
+  }
+  static std::vector<trajectory::Axis> axes() {
+    std::vector<trajectory::Axis> result = trajectory::free_axes(2);
+    for (trajectory::Axis& axis : result) axis.dq_max = 1;
+    return result;
+  }
+  void step() {
+    field.exchange();
+    wire.advance_to(next += kMs);
+    field.apply(next);
+    drives.write(*master, command, 1e-3, acknowledgement);
+    master->cycle(faulty);
+    drives.wait(1e-3, 0.02);
+    if (master->fresh()) drives.read(*master);
+    drives.measure(measured, 0, 0.02);
+  }
+  bool enabled() { return v.at("drives_enabled").booleans()[0]; }
+
+  std::vector<io::SlaveChoice> slaves = choices();
+  io::EtherCatField field;
+  EmulatedWire wire;
+  FaultyWire faulty;
+  io::EtherCatDrives drives;
+  Variables v;
+  std::vector<double> scale{1e-5, 1e-5}, offset{0, 0};
+  io::Acknowledgement acknowledgement;
+  SetupOptions options;
+  std::optional<Master> master;
+  io::Command command{2};
+  io::Measured measured{2};
+  std::int64_t next = 0;
+};
+
+/// Turns one bit of drive q1's position or speed in returning process data while `runs` says so.
+void flip(std::span<std::uint8_t> frame, std::size_t byte, unsigned bit) {
+  FrameReader reader(frame);
+  Datagram d;
+  while (reader.next(d)) {
+    if (d.command == Command::kLrw) frame[d.data + byte] ^= static_cast<std::uint8_t>(1u << bit);
+  }
+}
+
+TEST(DamagedFrames, MoveNoDriveAndStopAllIfTheyGoOn) {
+  Drives d;
+  for (int i = 0; i < 400 && !d.enabled(); ++i) d.step();
+  ASSERT_TRUE(d.enabled());
+  // The inputs of q1 follow the outputs of both drives.
+  const BusSlave& q1 = d.master->bus().slaves[1];
+  const auto& channels = d.slaves[1].setup.inputs;
+  const std::size_t begin = d.master->bus().output_bytes + q1.inputs_at;
+  const auto byte_of = [&](std::uint16_t index) {
+    return begin + std::ranges::find(channels, index, &Channel::index)->bit / 8;
+  };
+  for (const std::size_t at : {byte_of(cia402::object::kPosition), byte_of(cia402::object::kVelocity)}) {
+    for (int n = 0; n < 400; ++n) {
+      const bool damaged = n % 5 != 0;  // four in a row
+      d.faulty.changes = [&](std::span<std::uint8_t> frame) {
+        if (damaged) flip(frame, at + 2 + n % 2, 2 + n % 6);  // 2.6 rad or rad/s at least
+      };
+      d.step();
+      ASSERT_NEAR(d.measured.q[0], 0, 1e-3) << n;
+      ASSERT_NEAR(d.measured.dq[0], 0, 1e-2) << n;
+      ASSERT_TRUE(d.enabled()) << n;
+    }
+  }
+  const int held = d.drives.implausible();
+  EXPECT_GT(held, 600);
+  d.faulty.changes = [&](std::span<std::uint8_t> frame) { flip(frame, byte_of(cia402::object::kPosition) + 2, 6); };
+  for (int n = 0; n < 7; ++n) d.step();
+  EXPECT_FALSE(d.enabled()) << "a drive that is elsewhere stops all";
+  EXPECT_TRUE(d.acknowledgement.awaits());
+  std::vector<std::string> sentences;
+  d.drives.append_notes(sentences);
+  EXPECT_THAT(sentences, Contains(HasSubstr("gave a position that no motion explains")));
+}
+
+}  // namespace
+}  // namespace cotwin::ethercat::damage_test
