@@ -95,7 +95,8 @@ void apply(const ParameterSet& set, const Variables& variables) {
         value = *text;
       } else if (const auto* boolean = std::get_if<bool>(&given.value)) {
         value = *boolean ? "true" : "false";
-      } else if (variable.kind() == Kind::kInteger) {
+      } else if (std::holds_alternative<std::int64_t>(given.value) &&
+                 (variable.kind() == Kind::kInteger || variable.exact != nullptr)) {
         value = std::to_string(std::get<std::int64_t>(given.value));
       } else {
         const auto* integer = std::get_if<std::int64_t>(&given.value);

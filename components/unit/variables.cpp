@@ -1,6 +1,8 @@
 #include "components/unit/variables.h"
 
 #include <algorithm>
+#include <array>
+#include <charconv>
 #include <cmath>
 #include <cstring>
 
@@ -67,6 +69,33 @@ bool read_element(const Variable& variable, std::string_view text, bool) {
   return *value;
 }
 std::string read_element(const Variable&, std::string_view text, const std::string&) { return std::string(text); }
+
+/// Sets an element. A 64-bit integer keeps the digits that double does not have.
+template <class Element, class Value>
+void assign(const Variable&, Element& element, std::string_view, const Value& value) {
+  element = static_cast<Element>(value);
+}
+void assign(const Variable& variable, double& element, std::string_view text, double value) {
+  element = value;
+  if (variable.exact == nullptr) return;
+  variable.exact->erase(&element);
+  text = text::trim(text);
+  if (text.find_first_not_of("+-0123456789") != std::string_view::npos) {
+    if (value == std::nearbyint(value)) return;
+    throw Error(variable.name, std::string(text) + ", expected an integer");
+  }
+  std::array<char, 400> digits;
+  const auto end = std::to_chars(digits.data(), digits.data() + digits.size(), value, std::chars_format::fixed, 0).ptr;
+  const std::string_view plain = text.substr(std::min(text.find_first_not_of("+"), text.size()));
+  if (plain == std::string_view(digits.data(), end)) return;
+  if (const auto integer = text::parse_integer(text)) {
+    variable.exact->emplace(&element, static_cast<std::uint64_t>(*integer));
+  } else if (std::uint64_t bits = 0; std::from_chars(plain.data(), plain.data() + plain.size(), bits).ec == std::errc{}) {
+    variable.exact->emplace(&element, bits);
+  } else {
+    throw Error(variable.name, std::string(text) + ", expected an integer of 64 bits");
+  }
+}
 
 /// The words of a list separated by commas, blanks or both.
 std::vector<std::string_view> words(std::string_view list) {
@@ -169,6 +198,11 @@ Variables::Declared& Variables::Declared::nominal(double magnitude) {
     throw Error(variable.name, "nominal value " + text::to_text(magnitude) + ", expected a positive and finite number");
   }
   variable.nominal = magnitude;
+  return *this;
+}
+
+Variables::Declared& Variables::Declared::exact(ExactIntegers& storage) {
+  list_.list_[index_].exact = &storage;
   return *this;
 }
 
@@ -287,7 +321,10 @@ void assign_text(const Variable& variable, std::string_view value) {
         }
         std::vector<std::conditional_t<std::is_same_v<Element, bool>, char, Element>> read;
         for (const std::string_view part : parts) read.push_back(read_element(variable, part, Element{}));
-        for (std::size_t i = 0; i < storage.size(); ++i) storage[i] = static_cast<Element>(read[parts.size() == 1 ? 0 : i]);
+        for (std::size_t i = 0; i < storage.size(); ++i) {
+          const std::size_t from = parts.size() == 1 ? 0 : i;
+          assign(variable, storage[i], parts[from], read[from]);
+        }
       },
       variable.storage);
 }
@@ -297,8 +334,11 @@ void assign_text(const Variable& variable, std::size_t element, std::string_view
     throw Error(variable.name + "[" + std::to_string(element + 1) + "]",
                 "no such element, expected 1 to " + std::to_string(variable.size()));
   }
-  std::visit([&](auto storage) { storage[element] = read_element(variable, value, typename decltype(storage)::value_type{}); },
-             variable.storage);
+  std::visit(
+      [&](auto storage) {
+        assign(variable, storage[element], value, read_element(variable, value, typename decltype(storage)::value_type{}));
+      },
+      variable.storage);
 }
 
 std::string allowed_values(const Variable& variable) {

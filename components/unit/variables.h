@@ -28,6 +28,9 @@ enum class Role : std::uint8_t { kInput, kOutput, kParameter, kTunable, kState }
 std::string_view name_of(Kind kind);
 std::string_view name_of(Role role);
 
+/// 64-bit integers that double does not have, as their bits, by the element that has the nearest double. They hold while it has.
+using ExactIntegers = std::unordered_map<const double*, std::uint64_t>;
+
 /// One variable of a unit: its meaning, and the member of the unit that holds it. Every variable is a vector; a scalar has one
 /// element. The storage must keep its address and length from declare() until the unit is destroyed.
 struct Variable {
@@ -47,8 +50,9 @@ struct Variable {
   bool discrete = false;      // of a real output: not a point of a curve (a mean over the step); inputs hold it
   bool essential =
       false;  // of an input, parameter or state: without a connection, a start value or an event the unit cannot be used
-  bool required = false;  // essential, and a scenario that leaves it out is refused
-  double nominal = 0;     // of a real: typical magnitude in `si`, to which tolerances are relative; 0: not declared
+  bool required = false;           // essential, and a scenario that leaves it out is refused
+  ExactIntegers* exact = nullptr;  // of a real whose values are integers of another program; else nullptr
+  double nominal = 0;              // of a real: typical magnitude in `si`, to which tolerances are relative; 0: not declared
 
   Kind kind() const { return static_cast<Kind>(storage.index()); }
   std::size_t size() const {
@@ -91,6 +95,8 @@ class Variables {
     /// The typical magnitude of the real variable, in its unit of measure. It is not part of the fingerprint. Throws Error if
     /// it is not positive and finite, or the variable not real.
     Declared& nominal(double magnitude);
+    /// The values of the real variable are 64-bit integers; `storage` keeps those of a text that double does not have.
+    Declared& exact(ExactIntegers& storage);
 
    private:
     Declared& set_rate(Variable::Storage storage);

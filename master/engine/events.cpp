@@ -125,8 +125,12 @@ void Events::add(const EventSpec& spec, const Signal& signal) {
       other.strings.resize(n), value.storage = std::span(other.strings);
       break;
   }
+  ExactIntegers exact;
+  if (value.exact != nullptr) value.exact = &exact;
   try {
     assign_text(value, spec.value);
+    if (!exact.empty())
+      throw Error(variable.name, spec.value + ", which an event cannot set exactly, expected an integer that double has");
   } catch (const Error& error) {
     fail(spec.place, error.what());
   }

@@ -560,6 +560,53 @@ TEST_F(Import, RefusesIntegersThatRealsDoNotHave) {
   }
 }
 
+// 2^53 + 1, which double does not have, and the largest ones: what the FMU gets is read back as text.
+TEST_F(Import, SendsStartValuesOf64BitsExactly) {
+  for (const std::string start : {"9007199254740993", "-9007199254740993", "9223372036854775807", "9007199254740992", "7"}) {
+    const bool exact = std::to_string(static_cast<long long>(std::strtod(start.c_str(), nullptr))) == start;
+    const auto read_back = [&](Instance& instance) {
+      return error_of([&] {
+        instance.unit->initialise({});
+        (void)step(instance, 0, 0.01);
+      });
+    };
+    Instance given = load3();
+    assign_text(given.variables.at("big"), start);
+    const std::string message = read_back(given);
+    if (exact) {
+      EXPECT_EQ(message, "");
+      EXPECT_EQ(real(given, "big_out"), std::strtod(start.c_str(), nullptr));
+    } else {
+      EXPECT_THAT(message, HasSubstr("'big_out': " + start + " cannot be recorded exactly"));
+    }
+    Instance described = load3(kPolite3, {},
+                               {{R"(<Int64 name="big" valueReference="8" causality="input" start="0"/>)",
+                                 R"(<Int64 name="big" valueReference="8" causality="input" start=")" + start + R"("/>)"}});
+    EXPECT_EQ(read_back(described), message);
+  }
+  Instance instance = load3();
+  const Variable& big = instance.variables.at("big");
+  EXPECT_THAT(error_of([&] { assign_text(big, "1.5"); }), HasSubstr("big: 1.5, expected an integer"));
+  EXPECT_THAT(error_of([&] { assign_text(big, "99999999999999999999"); }), HasSubstr("expected an integer of 64 bits"));
+  assign_text(big, "9007199254740993");
+  real(instance, "big") = 3;  // by a connection or an event
+  instance.unit->initialise({});
+  EXPECT_EQ(step(instance, 0, 0.01), StepResult::kDone);
+  EXPECT_EQ(real(instance, "big_out"), 3);
+  ParameterSet set;
+  set.values.emplace_back();
+  set.values.back().name = "big";
+  set.values.back().value = std::int64_t{9007199254740993};
+  apply(set, instance.variables);
+  EXPECT_TRUE(big.exact->contains(big.reals().data()));
+  // The largest UInt64 is that number, not 2^64.
+  for (const std::string start : {"18446744073709551615", "18446744073709551614"}) {
+    Instance largest = load3();
+    assign_text(largest.variables.at("largest"), start);
+    EXPECT_EQ(error_of([&] { largest.unit->initialise({}); }).empty(), start.back() == '5') << start;
+  }
+}
+
 TEST_F(Import, RefusesAnFmuThatDoesNotAdvanceOrPassesTheEndOfItsStep) {
   Instance still = load3(kStandsStill3);
   still.unit->initialise({});

@@ -120,6 +120,11 @@ void* ForeignVariables::to_wire(Group& group) {
       if constexpr (std::is_floating_point_v<std::remove_cvref_t<decltype(*values)>>) {
         const double value = group.factors.empty() ? values[i] : (values[i] - group.offsets[i]) / group.factors[i];
         if constexpr (std::is_integral_v<Wire> && sizeof(Wire) == 8) {
+          const auto exact = exact_.empty() ? exact_.end() : exact_.find(values + i);
+          if (exact != exact_.end() && static_cast<double>(static_cast<Wire>(exact->second)) == value) {
+            out[i] = static_cast<Wire>(exact->second);
+            continue;
+          }
           if (!is_in_range<Wire>(value)) [[unlikely]]
             throw Error(name_of(group, i), text::to_text(value) + ", expected a number that " +
                                                (std::is_signed_v<Wire> ? "Int64" : "UInt64") + " has");
@@ -374,6 +379,10 @@ void ForeignVariables::set_starts(ForeignInstance& instance) {
       using T = std::remove_cvref_t<decltype(store.values[0])>;
       if (item.exchange == Exchange::kResult) std::copy_n(store.given + item.first, item.size, store.values + item.first);
       differs = !same<T>({store.values + item.first, item.size}, {store.starts + item.first, item.size});
+      if constexpr (std::is_same_v<T, double>) {
+        for (std::size_t i = 0; i < item.size && !exact_.empty(); ++i)
+          differs |= exact_.contains(store.values + item.first + i);
+      }
     });
     if (differs) (item.structural ? structural : others).push_back(&item);
   }

@@ -63,6 +63,9 @@ Role role_of(const ModelVariable& v) {
   }
 }
 
+/// Returns whether values of the type are integers that are kept as reals.
+bool is_wide(Type type) { return type == Type::kInt64 || type == Type::kUInt64 || type == Type::kUInt32; }
+
 /// Returns whether the importer activates this clock at its times; such clocks are not inputs of the unit.
 bool is_time_based(const ModelVariable& v) {
   return v.type == Type::kClock && v.clock.interval_variability != IntervalVariability::kTriggered;
@@ -338,6 +341,7 @@ void ForeignVariables::lay_out() {
             item.max = kInfinity;
           }
         }
+        if constexpr (std::is_same_v<T, double>) keep_exact(item, i);
         store.values[item.first + i] = store.starts[item.first + i] = store.given[item.first + i] = value;
       }
     });
@@ -355,6 +359,14 @@ void ForeignVariables::lay_out() {
       if (item.rate_reference) rated_items_.push_back(&item);
     }
   }
+}
+
+/// Keeps a start value that double may not have.
+void ForeignVariables::keep_exact(const Item& item, std::size_t i) {
+  if (!is_wide(item.type) || std::abs(start_element<double>(item.start, i, 0)) < 0x1p53) return;
+  const bool is_signed = item.type == Type::kInt64;
+  exact_[reals_.values + item.first + i] = is_signed ? static_cast<std::uint64_t>(start_element<std::int64_t>(item.start, i, 0))
+                                                     : start_element<std::uint64_t>(item.start, i, 0);
 }
 
 ForeignVariables::Group ForeignVariables::make_group(std::span<const Item* const> items) const {
@@ -426,6 +438,7 @@ void ForeignVariables::declare(Variables& variables) {
       };
       Variables::Declared declared = add();
       declared.range(item.min, item.max);
+      if (is_wide(item.type)) declared.exact(exact_);
       if (item.nominal > 0) declared.nominal(item.nominal);
       if (item.role == Role::kOutput && item.settable) declared.start();
       if (item.role == Role::kOutput && item.kind == Kind::kReal && !item.continuous) declared.discrete();

@@ -49,7 +49,7 @@ struct ForeignVariablesOptions {
 /// structural parameter → parameter (a UInt64 one has its value as its range, because it can be the size of arrays); clock →
 /// boolean, if requested. The independent variable is omitted.
 /// Kinds: floats → real; Int8 … Int32, UInt8, UInt16, enumerations → integer; Int64, UInt32, UInt64 →
-/// real, where 64-bit values that double does not have are an Error; other integers are clamped to the type's range when set; booleans; strings; binaries → string of hexadecimal digits,
+/// real, where 64-bit start values that double does not have are sent exactly and results are an Error; other integers are clamped to the type's range when set; booleans; strings; binaries → string of hexadecimal digits,
 /// as in modelDescription.xml. Arrays are vectors, row by row. In FMI 2, similar scalars q[1] … q[n] become the vector q. Units
 /// of measure: values are converted to SI by the FMU's definition of the unit, else by the unit's name. Values with an unknown
 /// unit are not converted and have no unit.
@@ -191,6 +191,7 @@ class ForeignVariables {
   const Item* antiderivative(const Item& item, const FirstOfReference& first) const;
   const std::string* store_text(std::string text) { return &texts_.emplace_back(std::move(text)); }
   void lay_out();
+  void keep_exact(const Item& item, std::size_t i);
   Group make_group(std::span<const Item* const> items) const;
   template <class Call>
   void with_store(Kind kind, Call call);
@@ -222,6 +223,7 @@ class ForeignVariables {
   std::vector<Item> items_;
   std::array<std::vector<Group>, kExchanges> groups_;
   std::vector<Group> outputs_;  // of the results, for receive_outputs()
+  ExactIntegers exact_;         // start values
   Store<std::int32_t> integers_;
   Store<bool> booleans_;
   Store<std::string> strings_;

@@ -25,7 +25,8 @@ enum {
   kSmallOut = 13,
   kMirrored = 14,
   kTiny = 15,
-  kTinyOut = 16
+  kTinyOut = 16,
+  kLargest = 17
 };
 enum { kPolite, kStandsStill, kReturnsFromTheFuture, kEndlessEvents, kTerminates, kDiscards, kRefusesUpdates, kNeedsCallback };
 enum { kMost = 8 };
@@ -218,6 +219,7 @@ fmi3Status fmi3GetUInt64(fmi3Instance c, const fmi3ValueReference r[], size_t n,
   return fmi3OK;
 }
 fmi3Status fmi3SetUInt64(fmi3Instance c, const fmi3ValueReference r[], size_t n, const uint64_t v[], size_t nv) {
+  if (n == 1 && r[0] == kLargest) return v[0] == UINT64_MAX ? fmi3OK : fmi3Error;
   if (n != 1 || nv != 1 || r[0] != kN || v[0] > kMost || !((Instance*)c)->m.configuring) return fmi3Error;
   ((Instance*)c)->m.n = v[0];
   return fmi3OK;
