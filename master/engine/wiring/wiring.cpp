@@ -120,6 +120,23 @@ bool elements_differ(const void* from, const void* to, std::uint32_t count) {
 /// Compares bits: a NaN that stays is no change.
 bool same_bits(double a, double b) { return std::bit_cast<std::uint64_t>(a) == std::bit_cast<std::uint64_t>(b); }
 
+using Fed = std::map<std::pair<const Variable*, std::size_t>, std::size_t>;  // element → index of the link that feeds it
+
+/// A value that the user gives for this run would be overwritten by a connection before the first step.
+void check_given(const Member& member, const Fed& fed, std::span<const ResolvedConnection> links) {
+  for (const ParameterValue& value : member.spec.start_values) {
+    const auto [variable, element] = find_element(member.variables(), value.name);
+    if (!value.by_user || variable == nullptr) continue;
+    for (std::size_t e = 0; e < variable->size(); ++e) {
+      const auto link = fed.find({variable, e});
+      if (link == fed.end() || (element >= 0 && static_cast<std::size_t>(element) != e)) continue;
+      const std::string name = member.name() + "." + value.name;
+      throw Error(value.place, name + " is connected to " + links[link->second].from.name +
+                                   ", which sets it, expected a variable without a connection");
+    }
+  }
+}
+
 }  // namespace
 
 std::vector<ResolvedConnection> resolve_connections(const Scenario& scenario, std::span<const Member> members,
@@ -127,8 +144,8 @@ std::vector<ResolvedConnection> resolve_connections(const Scenario& scenario, st
   Resolver resolver(scenario, members);
   std::vector<ResolvedConnection> links;
   links.reserve(scenario.connections.size());
-  std::vector<const ConnectionSpec*> specs;                            // of the links
-  std::map<std::pair<const Variable*, std::size_t>, std::size_t> fed;  // element → index of the link that feeds it
+  std::vector<const ConnectionSpec*> specs;  // of the links
+  Fed fed;
   for (const ConnectionSpec& connection : scenario.connections) {
     try {
       ResolvedConnection link = resolver.resolve(connection);
@@ -143,6 +160,14 @@ std::vector<ResolvedConnection> resolve_connections(const Scenario& scenario, st
       }
       links.push_back(std::move(link));
       specs.push_back(&connection);
+    } catch (const Error& error) {
+      if (!report) throw;
+      report(error);
+    }
+  }
+  for (const Member& member : members) {
+    try {
+      check_given(member, fed, links);
     } catch (const Error& error) {
       if (!report) throw;
       report(error);

@@ -25,7 +25,8 @@ struct ResolvedConnection {
 };
 
 /// Resolves the connections. Throws Error `a.x -> b.u: …` for roles other than output → input, tunable or parameter, for kinds,
-/// sizes and measures that do not fit, and for an input that is fed twice. With `report`, calls it with each such error instead
+/// sizes and measures that do not fit, for an input that is fed twice, and for one that is
+/// fed and has a value of the user for this run (ParameterValue::by_user). With `report`, calls it with each such error instead
 /// and leaves the connection out.
 using ReportConnectionError = std::function<void(const Error&)>;
 std::vector<ResolvedConnection> resolve_connections(const Scenario& scenario, std::span<const Member> members,

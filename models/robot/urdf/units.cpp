@@ -37,6 +37,28 @@ const std::vector<Quantity>& quantities() {
 /// The length of which the reach is that of a robot: 5 cm to 10 m.
 std::string plausible_length(double reach) { return reach * 1e-3 >= 0.15 ? "mm" : reach * 1e-2 <= 10 ? "cm" : "mm"; }
 
+/// The unit in which the radius of gyration of most links is that of a robot with this reach; nothing if it is as it is.
+std::optional<UnitSuspicion> suspect_inertia(const RobotModel& robot, double reach) {
+  constexpr double kLargest = 5, kReaches = 5, kUsual = 0.15;  // m, reaches, of the reach
+  std::vector<double> radii;
+  for (const Body& body : robot.bodies) {
+    const Inertia& inertia = body.inertia;
+    const double trace = inertia.I_CC.trace();
+    if (inertia.mass > 0 && trace > 0) radii.push_back(std::sqrt(trace / (2 * inertia.mass)));
+  }
+  if (radii.empty()) return std::nullopt;
+  const auto middle = radii.begin() + static_cast<std::ptrdiff_t>(radii.size() / 2);
+  std::ranges::nth_element(radii, middle);
+  if (*middle <= std::max(kLargest, kReaches * reach)) return std::nullopt;
+  const auto& units =
+      std::ranges::find(quantities(), "inertia", [](const Quantity& q) { return std::string_view(q.name); })->units;
+  const auto best = std::ranges::min_element(units, {}, [&](const auto& unit) {
+    return std::abs(std::log(std::sqrt(unit.second) * *middle / (kUsual * std::max(reach, 0.1))));
+  });
+  return UnitSuspicion{"half of its links have a radius of gyration of " + text::to_text(*middle, 3) + " m and more",
+                       std::string("inertia=") + best->first};
+}
+
 }  // namespace
 
 UrdfUnits parse_urdf_units(const std::string& text, const std::string& place) {
@@ -77,6 +99,7 @@ bool is_si(const UrdfUnits& units, const std::string& quantity) {
 
 std::vector<UnitSuspicion> suspect_units(const RobotModel& robot) {
   constexpr double kReach = 20, kMass = 100, kDensity = 2500;  // m, kg, kg/m³
+  constexpr double kNoTravel = 1e4;                            // m, and more: no limit
   constexpr double kLimit = 20, kSpeed = 30, kDegrees = 1100;  // rad, rad/s; three turns in degrees
   const auto number = [](double x) { return text::to_text(x, 3); };
   std::vector<UnitSuspicion> found;
@@ -97,12 +120,26 @@ std::vector<UnitSuspicion> suspect_units(const RobotModel& robot) {
     found.push_back({(robot.body_count() == 0 ? "it reaches " : "the robot reaches ") + number(reach) + " m" + farthest,
                      "length=" + (robot.body_count() == 0 ? "mm" : plausible_length(reach))});
   }
+  const double to_m = reach <= kReach ? 1 : plausible_length(reach) == "mm" ? 1e-3 : 1e-2;
+  for (int body = 0; body < robot.body_count(); ++body) {
+    const Joint& slide = robot.joint_of(body);
+    const double most = to_m * std::max(std::abs(slide.q_min), std::abs(slide.q_max));
+    // Slides of links without a mass are those of a vehicle.
+    const bool has_mass = robot.bodies[static_cast<std::size_t>(body)].inertia.mass > 0;
+    if (slide.type != JointType::kPrismatic || !has_mass || !(most > kReach && most < kNoTravel)) continue;
+    found.push_back({"the limits of slide '" + slide.name + "' are " + number(to_m * slide.q_min) + " and " +
+                         number(to_m * slide.q_max) + " m",
+                     "length=m"});
+    break;
+  }
   double mass = 0, travel = 0;
   for (const Body& body : robot.bodies) mass += body.inertia.mass;
   for (const Joint& joint : robot.joints)
     if (joint.type == JointType::kPrismatic && std::isfinite(joint.q_max - joint.q_min)) travel += joint.q_max - joint.q_min;
-  double length = reach + travel;
-  if (reach > kReach) length *= plausible_length(reach) == "mm" ? 1e-3 : 1e-2;
+  const double length = to_m * (reach + travel);
+  if (reach <= kReach) {  // inertia follows other units of length
+    if (const auto inertia = suspect_inertia(robot, reach)) found.push_back(*inertia);
+  }
   if (mass > kMass && length > 0 && mass > kDensity * length * length * length)
     found.push_back({"its moving links weigh " + number(mass) + " kg with a reach of " + number(length) + " m", "mass=g"});
   const Joint* far = nullptr;
@@ -117,20 +154,30 @@ std::vector<UnitSuspicion> suspect_units(const RobotModel& robot) {
     if (far == nullptr) far = &joint;
   }
   const bool speeds = 2 * fast >= limited;
-  if (far != nullptr && 2 * in_degrees >= limited && (in_degrees > 1 || speeds)) {
+  const auto is_round = [](double x) { return 2 * x == std::nearbyint(2 * x); };  // as degrees are; drums have multiples of 2 π
+  if (far != nullptr &&
+      ((2 * in_degrees >= limited && (in_degrees > 1 || speeds)) || (is_round(far->q_min) && is_round(far->q_max)))) {
+    const bool all = in_degrees == limited || (2 * in_degrees >= limited && (in_degrees > 1 || speeds));
     found.push_back({"the limits of joint '" + far->name + "' are " + number(far->q_min) + " and " + number(far->q_max) +
                          " rad, " + number((far->q_max - far->q_min) / (2 * M_PI)) + " turns",
-                     speeds ? "limit=deg,speed=deg/s" : "limit=deg"});
+                     !all     ? "limit=rad"
+                     : speeds ? "limit=deg,speed=deg/s"
+                              : "limit=deg"});
   }
   return found;
 }
 
 OtherUnits other_units(const std::string& place, const std::vector<UnitSuspicion>& found) {
   std::string what, units;
+  bool cures = false;
   for (const UnitSuspicion& suspicion : found) {
     text::append(what, suspicion.what, "; ");
     text::append(units, suspicion.units, ",");
+    const UrdfUnits other = parse_urdf_units(suspicion.units, place);
+    cures = cures || std::ranges::any_of(other.named, [&](const std::string& name) { return !is_si(other, name); });
   }
+  if (!cures)
+    return {place + ": " + what + ", expected SI: correct it, or take it as it is with cotwin new --urdf-units " + units, ""};
   return {place + ": " + what + ". Not in SI? cotwin new --urdf-units " + units +
               " reads it so and writes it in SI (robot.urdf); --urdf-units si takes it as it is",
           units};

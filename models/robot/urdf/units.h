@@ -31,12 +31,13 @@ bool is_si(const UrdfUnits& units, const std::string& quantity);
 /// Something that is not plausible in SI, and the text of UrdfUnits with which it would be.
 struct UnitSuspicion {
   std::string what;   // "the robot reaches 850 m"
-  std::string units;  // "length=mm"
+  std::string units;  // "length=mm"; "limit=rad" if one joint alone is not plausible, which no unit of all cures
 };
 
-/// Reach above 20 m (length); more than 100 kg and 2500 kg per cubic metre of reach and travel of slides (mass); limits of at least two
-/// turning joints, and of half of those that have some, between 20 and 1100 rad (limit, and speed if half of them are between 30 and
-/// 1100 rad/s; one joint will do where its speed is, too). Of 483 public URDFs the largest reach is 6.7 m, and 900 kg/m³ and 10 rad are
+/// Reach above 20 m (length); slides with a mass that go further than that (length=m); radii of gyration above 5 m and five times the reach of half
+/// of the links (inertia); more than 100 kg and 2500 kg per cubic metre of reach and travel of slides (mass); limits of
+/// turning joints between 20 and 1100 rad (limit, and speed if half of them are between 30 and 1100 rad/s; limit=rad where they are fewer than
+/// half of those that have some, or one of two without such a speed, and in half units, as degrees are). Of 483 public URDFs the largest reach is 6.7 m, and 900 kg/m³ and 10 rad are
 /// exceeded by none, except that 10⁶ and more stand for no limit. Of a tool: a centre of mass or a frame farther than 20 m away.
 std::vector<UnitSuspicion> suspect_units(const RobotModel& robot);
 
@@ -51,7 +52,7 @@ inline constexpr double kLargestPlausibleAngle = 6.9;  // rad
 class OtherUnits : public Error {
  public:
   OtherUnits(const std::string& text, std::string units) : Error(text), units(std::move(units)) {}
-  std::string units;  // of all suspicions
+  std::string units;  // of all suspicions; "" if they cure none
 };
 OtherUnits other_units(const std::string& place, const std::vector<UnitSuspicion>& found);
 

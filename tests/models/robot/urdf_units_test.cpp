@@ -193,6 +193,37 @@ TEST(UrdfUnits, OfGantriesAndDrumsAreThoseThatTheyHave) {
   EXPECT_NO_THROW(load_urdf(folder / "gantry.urdf"));
 }
 
+/// A part of the arm in another unit than the rest.
+TEST(UrdfUnits, OfOneJointAloneAndOfInertiasAreNoticed) {
+  const TemporaryFolder folder("units");
+  const auto refusal = [&](const Units& units, const std::string& from, const std::string& to) {
+    std::string xml = arm(units);
+    if (!from.empty()) xml.replace(xml.find(from), from.size(), to);
+    folder.write("arm.urdf", xml);
+    return refusal_of(folder / "arm.urdf");
+  };
+  const std::string bend = "lower=\"-2.100000\" upper=\"2.100000\"", slide = "lower=\"-0.200000\" upper=\"0.200000\"";
+  for (const auto& [to, text] :
+       {std::pair{"lower=\"-120\" upper=\"120\"", "the limits of joint 'bend' are -120 and 120 rad"},
+        std::pair{"lower=\"-172.5\" upper=\"90\"", "the limits of joint 'bend' are -172 and 90 rad"}}) {
+    const Refusal found = refusal({}, bend, to);
+    EXPECT_THAT(found.text, AllOf(HasSubstr(text), HasSubstr("expected SI: correct it, or take it as it is"),
+                                  HasSubstr("--urdf-units limit=rad")));
+    EXPECT_EQ(found.units, "") << "degrees for all would be wrong for the others";
+    EXPECT_EQ(scene::urdf_in_si(folder / "arm.urdf", parse_urdf_units("limit=rad", "")).empty(), false);
+  }
+  EXPECT_THAT(refusal({}, slide, "lower=\"0\" upper=\"200\"").text,
+              AllOf(HasSubstr("the limits of slide 'slide' are 0 and 200 m"), HasSubstr("--urdf-units length=m")));
+  EXPECT_EQ(refusal({}, slide, "lower=\"0\" upper=\"15\"").text, "no error") << "a rail";
+  EXPECT_EQ(refusal({}, slide, "lower=\"-1e6\" upper=\"1e6\"").text, "no error") << "no limit";
+  for (const auto& [factor, unit] : {std::pair{1e6, "inertia=kg.mm2"}, {1e9, "inertia=g.mm2"}, {1e4, "inertia=kg.cm2"}}) {
+    const Refusal found = refusal({.inertia = factor}, "", "");
+    EXPECT_EQ(found.units, unit);
+    folder.write("si.urdf", scene::urdf_in_si(folder / "arm.urdf", parse_urdf_units(unit, "")));
+    EXPECT_NEAR(load_urdf(folder / "si.urdf").bodies[0].inertia.I_CC(0, 0), 0.05, 1e-9);
+  }
+}
+
 TEST(UrdfUnits, OfToolsAreNoticed) {
   const auto tool = [](double z) {
     return "<robot name=\"probe\"><link name=\"probe\"><inertial><origin xyz=\"0 0 " + std::to_string(z) +
