@@ -82,15 +82,15 @@ FileLock& FileLock::operator=(FileLock&& other) noexcept {
   return *this;
 }
 
-ResultsFolder::ResultsFolder(fs::path folder) : folder_(std::move(folder)) {
+ResultsFolder::ResultsFolder(fs::path folder, const fs::path& shown) : folder_(std::move(folder)), shown_(shown.string()) {
   std::error_code none;
   const fs::path lock = folder_ / kLock;
-  if (fs::exists(lock, none)) const FileLock probe(lock, folder_.string());
+  if (fs::exists(lock, none)) const FileLock probe(lock, shown_);
 }
 
 void ResultsFolder::open() {
   make_folder(folder_);
-  lock_ = FileLock(folder_ / kLock, folder_.string());
+  lock_ = FileLock(folder_ / kLock, shown_);
 }
 
 fs::path ResultsFolder::keep_earlier(std::span<const std::string> names, std::span<const fs::path> inputs) const {

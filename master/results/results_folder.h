@@ -33,8 +33,9 @@ class ResultsFolder {
   static constexpr const char* kHistory = "history.json";
   static constexpr const char* kPage = "report.html";
 
-  /// Creates nothing. Throws Error if another process is writing there.
-  explicit ResultsFolder(std::filesystem::path folder);
+  /// Creates nothing. Throws Error if another process is writing there. `shown`: the folder as messages name it.
+  explicit ResultsFolder(const std::filesystem::path& folder) : ResultsFolder(folder, folder) {}
+  ResultsFolder(std::filesystem::path folder, const std::filesystem::path& shown);
   /// Creates the folder and locks it until the destructor. Throws Error.
   void open();
   /// Moves existing files with these names to a new subfolder "earlier-N". Returns that folder, or an empty path if there were
@@ -48,6 +49,7 @@ class ResultsFolder {
 
  private:
   std::filesystem::path folder_;
+  std::string shown_;
   FileLock lock_;
 };
 

@@ -75,10 +75,16 @@ std::vector<Member> load(const Scenario& scenario, const MasterOptions& options)
   return members;
 }
 
+/// With absolute paths: an FMU may call chdir().
+Scenario located(Scenario scenario) {
+  scenario.folder = std::filesystem::current_path() / scenario.folder;
+  return scenario;
+}
+
 }  // namespace
 
 Master::Loop::Loop(Scenario scenario, MasterOptions options)
-    : scenario_(std::move(scenario)),
+    : scenario_(located(std::move(scenario))),
       members_(load(scenario_, options)),
       engine_(scenario_, members_, options.threads.value_or(scenario_.threads), options.always_threads),
       control_(
@@ -97,7 +103,8 @@ Master::Loop::Loop(Scenario scenario, MasterOptions options)
       page_(std::move(options.page)) {
   const std::string place = scenario_.file.filename().string();
   if (scenario_.decimation < 1) fail(place, "decimation " + std::to_string(scenario_.decimation) + ", expected >= 1 ticks");
-  if (!options.results.empty() && !columns_.empty()) recording_ = options.results / "signals.csv";
+  if (!options.results.empty() && !columns_.empty())
+    recording_ = std::filesystem::current_path() / options.results / "signals.csv";
 }
 
 void Master::Loop::initialise() {

@@ -27,8 +27,8 @@ namespace {
 
 using namespace std::chrono_literals;
 
-constexpr auto kIdle = 2ms;     // sleep of the writer while the ring is empty: waking it would cost the loop a system call
-constexpr auto kFlush = 200ms;  // largest age of a row in memory
+constexpr auto kIdle = 2ms;    // sleep of the writer while the ring is empty: waking it would cost the loop a system call
+constexpr auto kFlush = 20ms;  // largest age of a row in memory
 constexpr std::size_t kBuffer = std::size_t{1} << 18;  // bytes of text per write
 constexpr std::size_t kRoom = 28;                      // bytes of text for a number
 

@@ -72,7 +72,6 @@ class FmuRun {
   /// Closes the output. Throws Error if it could not be written.
   void finish();
   const Master& master() const { return master_; }
-  const std::filesystem::path& output_file() const { return options_.output_file; }
   Summary summary() const;
 
  private:

@@ -314,17 +314,16 @@ RunCheckpoint resume(RunArguments& arguments, const Build& build) {
 }
 
 /// Continues in a process that is watched if the scenario has FMUs. Returns the exit code in the watching process.
-std::optional<int> watch(const Scenario& scenario, const RunArguments& arguments, const fs::path& out) {
+std::optional<int> watch(const Scenario& scenario, const RunArguments& arguments, const fs::path& out, const fs::path& shown) {
   if (std::ranges::all_of(scenario.components, is_unit)) return std::nullopt;
   WatchOptions options;
   options.quiet = arguments.quiet;
   options.ends_children = arguments.view.empty();  // the browser stays
-  options.ended = [&out](pid_t process, const std::string& reason) {
+  options.ended = [&](pid_t process, const std::string& reason) {
     const std::string why = reason.empty() ? "the files of the run could not be completed" : reason;
-    if (!close_abandoned_run(out, process, why)) return std::string();
-    const bool resumable = fs::exists(out / ResultsFolder::kCheckpoint);
-    return "; the rows up to then are in " + (out / ResultsFolder::kSignals).string() +
-           (resumable ? "; continue with: cotwin run --resume " + out.string() : "");
+    const std::string kept = close_abandoned_run(out, shown, process, why);
+    const bool resumable = !kept.empty() && fs::exists(out / ResultsFolder::kCheckpoint);
+    return kept + (resumable ? "; continue with: cotwin run --resume " + shown.string() : "");
   };
   return watch_run(options);
 }
@@ -342,8 +341,11 @@ int run_scenario(RunArguments arguments) {
     throw Error(
         (arguments.out / ResultsFolder::kCheckpoint).string(),
         "belongs to another scenario: " + arguments.file.string() + " or a file that it names has changed, expected the same");
-  const fs::path out = arguments.out.empty() ? fs::path("results") / file_name_of(scenario.name) : arguments.out;
-  if (const std::optional<int> code = watch(scenario, arguments, out)) return *code;
+  const fs::path shown = arguments.out.empty() ? fs::path("results") / file_name_of(scenario.name) : arguments.out;
+  const fs::path out = fs::current_path() / shown;  // an FMU may call chdir()
+  const std::string working_folder = fs::current_path().string();
+  if (!arguments.json.empty() && arguments.json != "-") arguments.json = fs::absolute(arguments.json).string();
+  if (const std::optional<int> code = watch(scenario, arguments, out, shown)) return *code;
   MasterOptions options;
   options.types = units();
   options.folders = model_folders(scenario.folder);
@@ -352,7 +354,8 @@ int run_scenario(RunArguments arguments) {
   if (!arguments.plain) options.page = page_of(scenario, arguments, options.folders);
   std::optional<ViewServer> server = view_server(arguments, options.folders);
   if (server) options.observer = &*server;
-  ResultsFolder results(out);
+  const std::uint64_t files = hash_of(load_scenario(arguments.file));
+  ResultsFolder results(out, shown);
   fs::path kept;
   std::optional<RunRecord> record;
   std::optional<Master> master;
@@ -368,7 +371,7 @@ int run_scenario(RunArguments arguments) {
     RunRecord::Given given{.file = out / ResultsFolder::kRecord,
                            .build = build,
                            .scenario = hash,
-                           .files = hash_of(load_scenario(arguments.file)),
+                           .files = files,
                            .set = arguments.set,
                            .events = arguments.events,
                            .waypoints = arguments.waypoints,
@@ -398,13 +401,14 @@ int run_scenario(RunArguments arguments) {
     std::cerr << "cotwin: live at " << server->url() << std::endl;
     open_in_browser(server->url());
   }
-  if (!kept.empty() && !arguments.quiet) std::cout << "earlier results: moved to " << kept.string() << '\n';
+  if (!kept.empty() && !arguments.quiet)
+    std::cout << "earlier results: moved to " << (shown / kept.filename()).string() << '\n';
   std::optional<Checkpoints> checkpoints;
   if (arguments.checkpoint > 0 && master->unsavable().empty()) {
     CheckpointWriter::Options writing;
     writing.file = out / ResultsFolder::kCheckpoint;
     writing.every = std::chrono::duration<double>(arguments.checkpoint);
-    writing.head = {build, hash, options_of(arguments), fs::current_path().string(), {}};
+    writing.head = {build, hash, options_of(arguments), working_folder, {}};
     writing.sync_recording = [&] { return master->sync_recording(); };
     writing.due = [] { attention |= kCheckpointDue; };
     checkpoints.emplace(*master, std::move(writing));
@@ -423,6 +427,7 @@ int run_scenario(RunArguments arguments) {
   }
   if (server) server->end();
   Summary summary = master->summary();
+  if (!summary.recording.empty()) summary.recording = shown / ResultsFolder::kSignals;
   if (checkpoints && !checkpoints->failure().empty()) summary.warnings.push_back("no checkpoint: " + checkpoints->failure());
   if (arguments.checkpoint > 0 && summary.wall_seconds > arguments.checkpoint && !master->unsavable().empty())
     summary.warnings.push_back("no checkpoint: " + master->unsavable());
@@ -449,9 +454,11 @@ int run_scenario(RunArguments arguments) {
     summary.warnings.push_back(std::string("no summary of the run in a file: ") + error.what());
   }
   const int code = report(arguments, summary, outcome, warnings);
-  if (arguments.report) write_report_page(out, arguments.quiet);
+  std::error_code moved;
+  fs::current_path(working_folder, moved);  // no FMU runs any more
+  if (arguments.report) write_report_page(moved ? out : shown, arguments.quiet);
   if (outcome.state != Outcome::State::kDone && checkpoints && checkpoints->any())
-    std::cerr << "cotwin: continue with: cotwin run --resume " << out.string() << '\n';
+    std::cerr << "cotwin: continue with: cotwin run --resume " << shown.string() << '\n';
   return code;
 }
 
@@ -461,14 +468,14 @@ int run_fmu(const RunArguments& arguments) {
     const fs::path rows = output_file_of(arguments.fmu);
     WatchOptions watch;
     watch.quiet = arguments.quiet;
-    watch.ended = [&rows](pid_t, const std::string& reason) {
-      const bool kept = !reason.empty() && keep_rows(rows);
-      return kept ? "; the rows up to then are in " + rows.string() : "";
-    };
+    watch.ended = [&rows](pid_t, const std::string& reason) { return reason.empty() ? "" : keep_rows(rows, rows); };
     if (const std::optional<int> code = watch_run(watch)) return *code;
   }
-  FmuRun run(arguments.fmu);
-  const fs::path out = run.output_file();
+  RunArguments located = arguments;  // the FMU may call chdir()
+  if (!located.json.empty() && located.json != "-") located.json = fs::absolute(located.json).string();
+  if (!located.fmu.input_file.empty()) located.fmu.input_file = fs::absolute(located.fmu.input_file);
+  const fs::path shown = output_file_of(arguments.fmu), out = located.fmu.output_file = fs::current_path() / shown;
+  FmuRun run(located.fmu);
   FileLock lock;
   if (!fs::exists(out) || fs::is_regular_file(out)) lock = FileLock(out.string() + ".lock", out.string());
   run.initialise();
@@ -476,7 +483,9 @@ int run_fmu(const RunArguments& arguments) {
   Warnings warnings;
   warnings.print(run.master().warnings());
   const Outcome outcome = run_to_the_end(run, run.master(), !arguments.quiet, nullptr);
-  return report(arguments, run.summary(), outcome, warnings);
+  Summary summary = run.summary();
+  summary.recording = shown;
+  return report(located, summary, outcome, warnings);
 }
 
 int run_scenario(const ScenarioRun& run) {

@@ -120,6 +120,7 @@ void do_harm(const std::string& harm) {
   if (harm == "overflow") recurse(0);
   if (harm == "throw") throw std::runtime_error("the pump is dry");
   if (harm == "throw-int") throw 7;
+  if (harm == "chdir") (void)!chdir("/");
   if (harm == "hang") {
     for (;;) usleep(1000);
   }

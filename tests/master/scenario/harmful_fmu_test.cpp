@@ -140,6 +140,13 @@ TEST_F(HarmfulFmu, NeverEndsARunInSilence) {
       EXPECT_THAT(twin.err, AllOf(HasSubstr("'pump' at t = 0."), HasSubstr("harm2.fmu"))) << harm;
     }
     EXPECT_FALSE(fs::exists(folder_ / "results/plant/signals.csv.part")) << harm;
+    if (harm == "exit_group" || harm == "kill") {
+      const std::string csv = recording(), last = csv.substr(csv.rfind('\n', csv.size() - 2) + 1);
+      EXPECT_THAT(twin.err,
+                  HasSubstr(whole_rows(csv) == 0 ? "; no row was written yet"
+                                                 : "; the rows up to t = " + last.substr(0, last.find(',')) + " s are in"))
+          << harm;
+    }
     EXPECT_TRUE(recording().ends_with('\n')) << harm;
     if (harm == "alarm" || (harm.starts_with("_") && !kSanitized)) {
       EXPECT_EQ(whole_rows(recording()), 51u) << harm;
@@ -154,6 +161,20 @@ TEST_F(HarmfulFmu, NeverEndsARunInSilence) {
       EXPECT_THAT(ran.err, AllOf(HasSubstr("'fmu' at t = 0."), HasSubstr("harm2.fmu"))) << harm;
     }
     EXPECT_TRUE(content(folder_ / "harm2_out.csv").ends_with('\n')) << harm;
+    fs::remove(folder_ / "harm2_out.csv");
+  }
+}
+
+TEST_F(HarmfulFmu, LeavesResultsWhereTheyBelongWhenItChangesTheFolder) {
+  for (const char* function : {"load", "fmi2Instantiate", "fmi2EnterInitializationMode", "fmi2DoStep"}) {
+    const RunResult twin = program(scenario("shared", ""), "chdir", function);
+    EXPECT_EQ(twin.code, 0) << function << ": " << twin.err;
+    EXPECT_EQ(whole_rows(recording()), 101u) << function;
+    for (const char* file : {"run.json", "summary.json"}) EXPECT_TRUE(fs::exists(folder_ / "results/plant" / file)) << function;
+    EXPECT_FALSE(fs::exists("/results"));
+    fs::remove_all(folder_ / "results");
+    EXPECT_EQ(run_fmu("shared", "chdir", function).code, 0) << function;
+    EXPECT_EQ(whole_rows(content(folder_ / "harm2_out.csv")), 101u) << function;
     fs::remove(folder_ / "harm2_out.csv");
   }
 }
