@@ -148,9 +148,10 @@ void RunSide::append_notes([[maybe_unused]] std::vector<std::string>& sentences)
   const auto p = plant();
   if (!p) return;
   const mqtt::Plant::Counts& c = p->counts();
-  std::string sentence = std::to_string(c.delivered.load()) + " messages to the MQTT broker, " +
+  std::string sentence = text::counted(static_cast<std::int64_t>(c.delivered.load()), "message") + " to the MQTT broker, " +
                          std::to_string(c.received.load()) + " from it, " + std::to_string(c.dropped.load()) + " dropped";
-  if (!p->connected()) sentence += "; no connection: " + p->trouble();
+  // After an orderly end there is no connection either, and no trouble.
+  if (const std::string trouble = p->trouble(); !p->connected() && !trouble.empty()) sentence += "; no connection: " + trouble;
   sentences.push_back(std::move(sentence));
 #endif
 }

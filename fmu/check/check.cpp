@@ -217,7 +217,10 @@ bool write_findings(std::ostream& out, const std::vector<Finding>& findings) {
     ++counts[static_cast<std::size_t>(f.level)];
     out << kWords[static_cast<std::size_t>(f.level)] << ": " << f.text << '\n';
   }
-  out << counts[0] << " errors, " << counts[1] << " warnings\n";
+  const auto counted = [&](std::size_t level) {
+    return text::counted(static_cast<std::int64_t>(counts[level]), kWords[level]);
+  };
+  out << counted(0) << ", " << counted(1) << '\n';
   return counts[0] == 0;
 }
 

@@ -476,6 +476,8 @@ struct AskOptions {
 
 /// The names of the services: "feasibility", "energy" …
 COTWIN_API std::vector<std::string> service_names();
+/// The names of the library's own units: "drive_train".
+COTWIN_API std::vector<std::string> unit_names();
 /// The JSON Schemas of a service's request and reply, as JSON. \param service a name of service_names(). Throws Error for another one.
 COTWIN_API std::string service_schema(const std::string& service);
 /// Answers a question about a motion, as `cotwin ask` does (docs/services.md). The same request gives the same reply, byte for byte.

@@ -1,6 +1,7 @@
 #include <nlohmann/json.hpp>
 
 #include "components/services/json/json.h"
+#include "components/unit/unit_table.h"
 #include "master/api/cotwin.h"
 #include "master/scenario/folders.h"
 #include "master/services/verify.h"
@@ -30,6 +31,12 @@ services::Robots robots_of(const AskOptions& options) {
 }  // namespace
 
 std::vector<std::string> service_names() { return services::service_names(); }
+
+std::vector<std::string> unit_names() {
+  std::vector<std::string> names;
+  for (const UnitType& type : unit_types()) names.emplace_back(type.name);
+  return names;
+}
 
 std::string service_schema(const std::string& service) { return services::schema(service); }
 

@@ -140,8 +140,8 @@ struct Simulation::Impl {
   void check_may_set(const master::Signal& signal) {
     const Variable& v = *signal.variable;
     const bool changeable = v.role == Role::kInput || v.role == Role::kTunable;
-    if (!started && (changeable || v.role == Role::kParameter || v.role == Role::kState || v.has_start)) return;
-    if (!started || !changeable) {
+    const bool starts = !started && (v.role == Role::kParameter || v.role == Role::kState || v.has_start);
+    if (!changeable && !starts) {
       throw Error(signal.name,
                   master::with_article(v.role) + (started ? " after the start, expected an input or a tunable parameter"
                                                           : ", expected a parameter, an input or a state"));

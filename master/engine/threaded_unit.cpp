@@ -262,9 +262,9 @@ void ThreadedUnit::append_notes(std::vector<std::string>& sentences) const {
   wait();
   inner_.unit->append_notes(sentences);
   if (late_ > 0) {
-    sentences.push_back("beside the loop: " + std::to_string(steps_) + " steps; at " + std::to_string(late_) +
-                        " times the last one had not ended when the next was due; longest step " +
-                        text::to_text(longest_.seconds()) + " s of the scenario");
+    sentences.push_back("beside the loop: " + text::counted(steps_, "step") + "; " + text::counted(late_, "time") +
+                        " the last one had not ended when the next was due; longest step " + text::to_text(longest_.seconds()) +
+                        " s of the scenario");
   }
 }
 

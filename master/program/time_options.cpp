@@ -25,6 +25,11 @@ trajectory::TimeColumn TimeOptions::chosen(std::span<const fs::path> places) con
   if ((!column.empty() || time.unit != 1) && std::ranges::all_of(places, is_folder))
     throw Error(column.empty() ? "--time-unit" : "--t-column",
                 places.front().string() + " is a folder with the results of a run, whose time is known; expected a CSV file");
+  for (const fs::path& place : places) {
+    if (place.extension() == ".ssd" || place.extension() == ".ssp")
+      throw Error(place.string(), "is a scenario, expected the folder of its results, which cotwin run " + place.string() +
+                                      " names at its end");
+  }
   return time;
 }
 

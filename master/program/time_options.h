@@ -14,7 +14,7 @@ struct TimeOptions {
 
   /// Adds --t-column and --time-unit, which set this object.
   void add_to(CLI::App& command);
-  /// What was given, for these places. Throws Error for a unit that is none, and if something was given and all places are folders.
+  /// What was given, for these places. Throws Error for a unit that is none, for a scenario in place of its results, and if something was given and all places are folders.
   trajectory::TimeColumn chosen(std::span<const std::filesystem::path> places) const;
 };
 

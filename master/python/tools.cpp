@@ -168,6 +168,7 @@ void bind_tools(py::module_& m) {
   m.def("excite", &excite_it, "options"_a, "progress"_a);
 
   m.def("service_names", &service_names, "The names of the services.");
+  m.def("unit_names", &unit_names, "The names of the units of Cotwin.");
   m.def("service_schema", &service_schema, "service"_a);
   m.def("ask", &ask_it, "request"_a, "robot"_a, "robots"_a, "threads"_a, "progress"_a);
 }

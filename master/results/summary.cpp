@@ -104,8 +104,8 @@ void write_loop(std::ostream& out, const LoopReport& loop) {
       return number(static_cast<double>(count) / static_cast<double>(c.steps), 3);
     };
     out << "; per step " << per_step(c.iterations) << " iterations and " << per_step(c.evaluations) << " unit steps; "
-        << c.linearisations << (c.linearisations == 1 ? " Jacobian" : " Jacobians");
-    if (c.divided > 0) out << ", " << c.divided << (c.divided == 1 ? " step" : " steps") << " divided";
+        << text::counted(c.linearisations, "Jacobian");
+    if (c.divided > 0) out << ", " << text::counted(c.divided, "step") << " divided";
   }
   out << '\n';
 }
@@ -117,10 +117,10 @@ void write_delays(std::ostream& out, const char* what, const Histogram& h) {
 }
 
 void write_clock(std::ostream& out, const Summary& s) {
-  if (s.overruns > 0) out << s.overruns << " ticks began late, by " << duration(s.worst_delay) << " at most\n";
+  if (s.overruns > 0) out << text::counted(s.overruns, "tick") << " began late, by " << duration(s.worst_delay) << " at most\n";
   const ClockReport& clock = s.clock;
   if (clock.kind == ClockKind::kFree || clock.start_delays.count() == 0) return;
-  if (clock.state.skipped > 0) out << clock.state.skipped << " ticks were left out\n";
+  if (clock.state.skipped > 0) out << text::counted(clock.state.skipped, "tick") << " left out\n";
   if (clock.kind != ClockKind::kWall) {
     out << "clock of the source: "
         << (clock.state.locked   ? "locked"
@@ -128,37 +128,39 @@ void write_clock(std::ostream& out, const Summary& s) {
                                  : "not locked")
         << ", offset " << number(1e6 * clock.rms_offset, 3) << " us rms, " << number(1e6 * clock.state.worst, 3)
         << " us at most, drift " << number(1e6 * clock.state.drift, 3) << " ppm";
-    if (clock.state.missed > 0) out << "; " << clock.state.missed << " packets missed or far from their time";
-    if (clock.state.steps > 0) out << "; " << clock.state.steps << (clock.state.steps == 1 ? " step" : " steps");
+    if (clock.state.missed > 0)
+      out << "; " << text::counted(static_cast<std::int64_t>(clock.state.missed), "packet") << " missed or far from their time";
+    if (clock.state.steps > 0) out << "; " << text::counted(static_cast<std::int64_t>(clock.state.steps), "step");
     out << '\n';
   }
   write_delays(out, "delay of the start of ticks", clock.start_delays);
   if (clock.run_times.count() > 0) write_delays(out, "run time of ticks", clock.run_times);
-  if (clock.page_faults) out << *clock.page_faults << " page faults after the start\n";
+  if (clock.page_faults)
+    out << text::counted(static_cast<std::int64_t>(*clock.page_faults), "page fault") << " after the start\n";
 }
 
 void write_head(std::ostream& out, const Summary& s, const Outcome& outcome) {
   out << s.scenario << ": ";
   if (outcome.state == Outcome::State::kInterrupted) out << "interrupted at t = " << number(s.reached, 9) << " s; ";
   if (outcome.state == Outcome::State::kFailed) out << "failed at t = " << number(s.reached, 9) << " s; ";
-  out << number(s.reached - s.start, 9) << " s in " << s.ticks << " ticks of " << duration(s.tick) << ", run in "
-      << duration(s.wall_seconds);
+  out << number(s.reached - s.start, 9) << " s in " << text::counted(s.ticks, "tick") << " of " << duration(s.tick)
+      << ", run in " << duration(s.wall_seconds);
   if (s.ticks > 0) out << ": " << number(s.real_time_factor, 3) << " times real time";
   out << (s.threads > 1 ? " on " + std::to_string(s.threads) + " threads" : "") << '\n';
   write_clock(out, s);
   if (!s.initialisation.loop.empty()) {
-    out << "algebraic loop at initialisation solved in " << s.initialisation.iterations << " iterations:";
+    out << "algebraic loop at initialisation solved in " << text::counted(s.initialisation.iterations, "iteration") << ":";
     for (const std::string& member : s.initialisation.loop) out << ' ' << member;
     out << '\n';
   }
   if (s.discarded > 0) {
-    out << s.discarded << " steps were discarded and repeated in up to " << s.most_parts << " parts, discarded by";
+    out << text::counted(s.discarded, "step") << " discarded and repeated in up to " << s.most_parts << " parts, discarded by";
     for (const auto& [name, count] : s.discarded_by) out << ' ' << name << " (" << count << ")";
     out << '\n';
   }
   if (s.mean_parts > 1) {
     out << "ticks were divided into " << number(s.mean_parts, 3) << " parts on average, " << s.most_parts << " at most";
-    if (s.rejected > 0) out << "; " << s.rejected << (s.rejected == 1 ? " step" : " steps") << " rejected and repeated";
+    if (s.rejected > 0) out << "; " << text::counted(s.rejected, "step") << " rejected and repeated";
     out << '\n';
   }
   for (const LoopReport& loop : s.loops) write_loop(out, loop);
@@ -301,7 +303,8 @@ void write_report(std::ostream& out, const Summary& s, const Outcome& outcome) {
   for (const std::string& note : s.notes) out << note << '\n';
   if (!s.warnings.empty()) out << '\n';
   for (const std::string& warning : s.warnings) out << "warning: " << warning << '\n';
-  if (!s.recording.empty()) out << "\nresults: " << s.recording.string() << " (" << s.rows << " rows)\n";
+  if (!s.recording.empty())
+    out << "\nresults: " << s.recording.string() << " (" << text::counted(static_cast<std::int64_t>(s.rows), "row") << ")\n";
 }
 
 void write_json(std::ostream& out, const Summary& s, const Outcome& outcome) {

@@ -112,7 +112,7 @@ Summary Master::Loop::summary() const {
     }
   }
   if (const std::int64_t missed = control_.tolerance_missed(); missed > 0) {
-    s.notes.push_back(std::to_string(missed) + " steps of the smallest length missed the tolerance: values jump there");
+    s.notes.push_back(text::counted(missed, "step") + " of the smallest length missed the tolerance: values jump there");
   }
   for (const std::string& name : control_.noisy())
     s.notes.push_back(name + " jumps in every step, however short: the tolerance does not control it any more");
@@ -125,15 +125,15 @@ Summary Master::Loop::summary() const {
     s.rows = recorder_->rows();
     s.dropped_rows = recorder_->dropped();
     if (s.dropped_rows > 0) {
-      s.warnings.push_back("the disk could not keep up: " + std::to_string(s.dropped_rows) +
-                           " rows of the recording were dropped");
+      s.warnings.push_back("the disk could not keep up: " + text::counted(static_cast<std::int64_t>(s.dropped_rows), "row") +
+                           " of the recording dropped");
     }
   }
   if (live_) s.influence = live_->influence();
   if (const std::int64_t changes = s.influence.count(); changes > 0)
-    s.notes.push_back(std::to_string(changes) + " values were set from outside during the run (listed in run.json)");
+    s.notes.push_back(text::counted(changes, "value") + " set from outside during the run (listed in run.json)");
   if (s.influence.pauses > 0)
-    s.notes.push_back("the run was paused " + std::to_string(s.influence.pauses) + " times from outside, for " +
+    s.notes.push_back("the run was paused " + text::counted(s.influence.pauses, "time") + " from outside, for " +
                       text::to_text(s.influence.paused_seconds, 3) + " s in total");
   s.clock = pace_.report();
   s.overruns = s.clock.state.overruns;

@@ -133,7 +133,7 @@ void Twin::append_notes(std::vector<std::string>& notes) const {
   for (std::size_t m = 0; m < members_.size(); ++m) {
     const std::int64_t discarded = control_->discarded_by()[m];
     if (discarded == 0 || control_->not_restorable() != nullptr) continue;
-    notes.push_back(members_[m].name() + " discarded " + std::to_string(discarded) + " ticks, which were made in up to " +
+    notes.push_back(members_[m].name() + " discarded " + text::counted(discarded, "tick") + ", made in up to " +
                     std::to_string(control_->most_parts()) + " parts");
   }
   for (std::string& warning : engine_->tools.warnings()) notes.push_back(std::move(warning));

@@ -289,7 +289,7 @@ TEST_F(Load, ChecksAnFmuWithAndWithoutLoadingIt) {
   EXPECT_THAT(broken[0].text, HasSubstr("no such file"));
   std::ostringstream out;
   EXPECT_FALSE(write_findings(out, broken));
-  EXPECT_THAT(out.str(), HasSubstr("1 errors, 0 warnings"));
+  EXPECT_THAT(out.str(), HasSubstr("1 error, 0 warnings"));
 }
 
 TEST_F(Load, ReportsTheKindOfAnFmu) {

@@ -76,7 +76,7 @@ foreach(file IN ITEMS ${cotwin} ${prefix}/lib/libcotwin.so ${prefix}/lib/cmake/c
 endforeach()
 
 # The library exports the public API and nothing else.
-execute_process(COMMAND nm -D --defined-only -C ${prefix}/lib/libcotwin.so COMMAND grep -v -E " (T|W|V|A) (cotwin::(version|tune|excite|ask|service_names|service_schema|load_recording|Robot::|Simulation::)|LIBCOTWIN)"
+execute_process(COMMAND nm -D --defined-only -C ${prefix}/lib/libcotwin.so COMMAND grep -v -E " (T|W|V|A) (cotwin::(version|tune|excite|ask|service_names|unit_names|service_schema|load_recording|Robot::|Simulation::)|LIBCOTWIN)"
   OUTPUT_VARIABLE others)
 if(NOT others STREQUAL "")
   message(SEND_ERROR "libcotwin.so exports more than the public API:\n${others}")

@@ -95,17 +95,30 @@ class Refused(Case):
             s.connect("robot", "drive", "q")
         with self.assertError("'robot.q'", "component.variable"):
             s.connect("robot.q", "drive.q")
+        with self.assertError("component 'x': no unit 'drive_trian'", "expected one of motion", "did you mean 'drive_train'?"):
+            s.add("x", "drive_trian")
+        with self.assertError("component 'x': no unit 'no_unit'"):
+            s.add("x", "no_unit")
         with self.assertError("drive_2.K", "not finite"):
             s.add("drive_2", "drive_train", values={"K": np.nan})
+
+    def test_values_of_connected_inputs(self):
+        for given in ({"drive.tau_m": 3}, {"drive.tau_m[2]": 3}, {"compliance.q": 0}):
+            with self.subTest(given), self.assertError("is connected to", "expected a variable without a connection"):
+                cotwin.Simulation(arm(), set=given)
+        simulation = cotwin.Simulation(arm())
+        with self.assertError("drive.tau_m", "is fed by compliance.tau_m"):
+            simulation["drive.tau_m"] = np.zeros(7)
+        simulation["drive.tau_e"] = np.ones(7)
 
     def test_values_that_are_no_values(self):
         for value in (np.nan, [1, np.inf], object(), None, 1j, []):
             with self.subTest(value), self.assertError("x.v", "expected"):
-                cotwin.Scenario().add("x", values={"v": value})
+                cotwin.Scenario().add("x", "motion", values={"v": value})
         masked = np.ma.MaskedArray([1.0, 2.0], mask=[False, True])
         for value in (masked, [masked, masked], ([1.0, 2.0], masked)):
             with self.assertError("x.v", "masked elements") as context:
-                cotwin.Scenario().add("x", values={"v": value})
+                cotwin.Scenario().add("x", "motion", values={"v": value})
             self.assertIsInstance(context.error, ValueError)
 
     def test_units_and_variables_that_do_not_exist_are_named_by_the_library(self):

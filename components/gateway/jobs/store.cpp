@@ -6,6 +6,7 @@
 
 #include "components/gateway/jobs/schema.h"
 #include "components/gateway/jobs/store_rows.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::gateway {
 
@@ -73,7 +74,7 @@ void JobStore::recover(int most, UtcTime now) {
       job.state = JobState::kAborted;
       job.result = JobResult::kUnsuccessful;
       job.ended = now;
-      job.reason = "the gateway ended " + std::to_string(job.restarts) + " times during the job";
+      job.reason = "the gateway ended " + text::counted(job.restarts, "time") + " during the job";
     }
     save(job, false);
   }

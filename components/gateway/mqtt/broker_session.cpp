@@ -116,9 +116,12 @@ struct BrokerSession::Impl final : ::mqtt::iaction_listener {
   void on_failure(const ::mqtt::token& token) override { end(token, false); }
   void end(const ::mqtt::token& token, bool good) {
     const auto number = static_cast<std::uint64_t>(reinterpret_cast<std::uintptr_t>(token.get_user_context()));
-    const std::string text = good ? ""
-                                  : "return code " + std::to_string(token.get_return_code()) + ", reason " +
-                                        std::to_string(static_cast<int>(token.get_reason_code()));
+    const int reason = static_cast<int>(token.get_reason_code());
+    const std::string code = "(return code " + std::to_string(token.get_return_code()) + ")";
+    const std::string text = good          ? ""
+                             : reason != 0 ? "the broker answered with reason code " + std::to_string(reason)
+                             : token.get_type() == ::mqtt::token::CONNECT ? "no broker answers " + code
+                                                                          : "the broker did not take it " + code;
     switch (token.get_type()) {
       case ::mqtt::token::CONNECT:
         return report(good ? Event::Kind::kConnected : Event::Kind::kLost, 0, text);

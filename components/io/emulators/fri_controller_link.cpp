@@ -444,13 +444,13 @@ void FriControllerLink::append_notes(std::vector<std::string>& sentences) const 
   const std::string client = net::to_text(controller_->client());
   const auto milliseconds = [](double s) { return text::to_text(1e3 * s, 4) + " ms"; };
   if (commands_ == 0) {
-    sentences.push_back("no client at " + client + " answered the " + std::to_string(counts_.sent) + " messages (" +
+    sentences.push_back("no client at " + client + " answered the " + text::counted(counts_.sent, "message") + " (" +
                         fri::to_text(protocol_) + ", from " + net::to_text(datagrams_.local()) + ")");
     if (port_ < 0 && datagrams_.local().is_loopback() && protocol_ != fri::Protocol::kLwr)
       sentences.emplace_back(kNamedController);
   } else {
-    sentences.push_back("client " + client + " (" + fri::to_text(protocol_) + "): " + std::to_string(counts_.sent) +
-                        " messages, " + std::to_string(counts_.in_time) + " answered in time, " + std::to_string(counts_.late) +
+    sentences.push_back("client " + client + " (" + fri::to_text(protocol_) + "): " + text::counted(counts_.sent, "message") +
+                        ", " + std::to_string(counts_.in_time) + " answered in time, " + std::to_string(counts_.late) +
                         " late, " + std::to_string(counts_.missing) + " not");
   }
   if (latencies_ > 0) {
@@ -461,13 +461,13 @@ void FriControllerLink::append_notes(std::vector<std::string>& sentences) const 
     sentences.push_back("datagrams of the client were rejected: " + rejected);
   }
   if (counts_.strangers > 0) {
-    sentences.push_back(std::to_string(counts_.strangers) + " datagrams of other senders were ignored");
+    sentences.push_back(text::counted(counts_.strangers, "datagram") + " of other senders ignored");
   }
   if (unmatched_ > 0) {
-    sentences.push_back(std::to_string(unmatched_) + " commands reflected none of the last 256 messages and were not used");
+    sentences.push_back(text::counted(unmatched_, "command") + " not used: none of the last 256 messages reflected");
   }
   if (drops_ > 0) {
-    sentences.push_back("commanding ended " + std::to_string(drops_) + " times by itself, last because of " +
+    sentences.push_back("commanding ended " + text::counted(drops_, "time") + " by itself, last because of " +
                         fri::to_text(controller_->drop()));
   }
 }

@@ -303,11 +303,12 @@ void RtdeControllerLink::write_outputs(Time at) {
 void RtdeControllerLink::append_notes(std::vector<std::string>& sentences) const {
   if (!controller_) return;
   const rtde::ControllerStatistics& s = controller_->statistics();
-  sentences.push_back("RTDE at " + net::to_text(listener_->local()) + ": " + std::to_string(s.clients) + " clients, " +
-                      std::to_string(s.sent) + " data packages sent, " + std::to_string(s.dropped) + " left out, " +
-                      std::to_string(s.received) + " input packages, " + std::to_string(s.rejected + s.faults) +
-                      " packages refused");
-  if (losses_ > 0) sentences.push_back("the robot stopped " + std::to_string(losses_) + " times because of lost commands");
+  sentences.push_back("RTDE at " + net::to_text(listener_->local()) + ": " +
+                      text::counted(static_cast<std::int64_t>(s.clients), "client") + ", " +
+                      text::counted(static_cast<std::int64_t>(s.sent), "data package") + " sent, " + std::to_string(s.dropped) +
+                      " left out, " + text::counted(static_cast<std::int64_t>(s.received), "input package") + ", " +
+                      text::counted(static_cast<std::int64_t>(s.rejected + s.faults), "package") + " refused");
+  if (losses_ > 0) sentences.push_back("the robot stopped " + text::counted(losses_, "time") + " because of lost commands");
 }
 
 }  // namespace cotwin::io

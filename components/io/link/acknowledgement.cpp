@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::io {
 
@@ -58,11 +59,11 @@ void JumpDetector::begin() {
   implausible_ = 0;
 }
 
-void JumpDetector::append_notes(std::vector<std::string>& sentences, const std::string& what) const {
+void JumpDetector::append_notes(std::vector<std::string>& sentences, const std::string& one) const {
   if (implausible_ == 0) return;
-  sentences.push_back(std::to_string(implausible_) + " " + what +
-                      " had a position, speed or time that no motion explains and were not used (damaged, of another scale, or "
-                      "beyond twice the limit of speed that the URDF gives the joint)");
+  sentences.push_back(text::counted(implausible_, one) +
+                      " not used, with a position, speed or time that no motion explains (damaged, of another scale, or beyond "
+                      "twice the limit of speed that the URDF gives the joint)");
 }
 
 void JumpDetector::forget() { positions_ = in_a_row_ = 0; }

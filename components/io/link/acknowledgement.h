@@ -61,8 +61,8 @@ class JumpDetector {
   bool allows(std::span<const double> dq) const;
   /// Positions that were not plausible since begin().
   std::int32_t implausible() const { return implausible_; }
-  /// Appends a sentence if there were any.
-  void append_notes(std::vector<std::string>& sentences, const std::string& what) const;
+  /// Appends a sentence if there were any; `one`: "message".
+  void append_notes(std::vector<std::string>& sentences, const std::string& one) const;
 
  private:
   bool is_plausible(std::span<const double> q, double elapsed) const;

@@ -5,6 +5,8 @@
 #include <numbers>
 #include <utility>
 
+#include "models/foundation/support/text.h"
+
 namespace cotwin::io {
 
 namespace {
@@ -321,9 +323,9 @@ void EtherCatDrives::write_outputs() {
 }
 
 void EtherCatDrives::append_notes(std::vector<std::string>& sentences) const {
-  jumps_.append_notes(sentences, "inputs of drives");
+  jumps_.append_notes(sentences, "input");
   if (stops_ == 0) return;
-  sentences.push_back("the drives were stopped " + std::to_string(stops_) + " times, last because drive " +
+  sentences.push_back("the drives were stopped " + text::counted(stops_, "time") + ", last because drive " +
                       stopped_drive_->name + " " + stopped_by_);
 }
 

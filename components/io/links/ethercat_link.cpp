@@ -463,13 +463,13 @@ void EtherCatLink::append_notes(std::vector<std::string>& sentences) const {
   if (any(&EtherCatEncoder::was_restarted)) sentences.emplace_back(kRestarted);
   if (any(&EtherCatEncoder::may_have_wrapped)) sentences.emplace_back(kWrapped);
   if (implausible_ > drives_.implausible()) {
-    sentences.push_back(std::to_string(implausible_ - drives_.implausible()) +
-                        " counters of encoder terminals that no motion explains were not used (damaged, or beyond twice the "
-                        "limit of speed that the URDF gives the joint)");
+    sentences.push_back(text::counted(implausible_ - drives_.implausible(), "counter") +
+                        " of encoder terminals not used, which no motion explains (damaged, or beyond twice the limit of speed "
+                        "that the URDF gives the joint)");
   }
   if (jumps_ > 0) {
-    sentences.push_back("encoder terminals gave such counters " + std::to_string(jumps_) +
-                        " times in a row: positions stayed and are uncertain since then");
+    sentences.push_back("encoder terminals gave such counters " + text::counted(jumps_, "time") +
+                        " in a row: positions stayed and are uncertain since then");
   }
   drives_.append_notes(sentences);
   if (!stopped_) sentences.emplace_back(kNotStopped);

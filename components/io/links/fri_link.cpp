@@ -192,8 +192,8 @@ void FriLink::wait_for_robot(Time start, Measured& measured) {
     if (!datagrams_.wait_for_any(deadline) || monotonic_now() > deadline) {
       const std::string seen = heard_.refused == 0
                                    ? "nothing came"
-                                   : std::to_string(heard_.refused) + " datagrams were refused, the first from " +
-                                         net::to_text(heard_.from) + ": " + heard_.why;
+                                   : text::counted(static_cast<std::int64_t>(heard_.refused), "datagram") +
+                                         " refused, the first from " + net::to_text(heard_.from) + ": " + heard_.why;
       throw Error("unit:io.wait", "no message of a robot came to " + net::to_text(datagrams_.local()) + " within " +
                                       text::to_text(wait_) + " s (" + seen + "), expected a controller with protocol " +
                                       fri::to_text(protocol_) + " that sends there");
@@ -395,16 +395,16 @@ void FriLink::append_notes(std::vector<std::string>& sentences) const {
                         ")");
     return;
   }
-  sentences.push_back("robot: " + std::to_string(counts_.received) + " messages, " + std::to_string(counts_.lost) + " lost, " +
-                      std::to_string(counts_.answers) + " answers");
-  jumps_.append_notes(sentences, "messages");
-  if (unsent_ > 0) sentences.push_back(std::to_string(unsent_) + " answers to the robot could not be sent");
-  if (restarts_ > 0) sentences.push_back("the robot's controller began anew " + std::to_string(restarts_) + " times");
+  sentences.push_back("robot: " + text::counted(counts_.received, "message") + ", " + std::to_string(counts_.lost) + " lost, " +
+                      text::counted(counts_.answers, "answer"));
+  jumps_.append_notes(sentences, "message");
+  if (unsent_ > 0) sentences.push_back(text::counted(unsent_, "answer") + " to the robot not sent by the system");
+  if (restarts_ > 0) sentences.push_back("the robot's controller began anew " + text::counted(restarts_, "time"));
   if (acknowledgement_.awaits())
     sentences.emplace_back("at the end nothing was commanded: acknowledge had not risen since a loss");
-  if (refused_ > 0) sentences.push_back("in " + std::to_string(refused_) + " steps " + kRefused);
+  if (refused_ > 0) sentences.push_back("in " + text::counted(refused_, "step") + " " + kRefused);
   if (losses_ > 0) {
-    sentences.push_back("the robot was silent " + std::to_string(losses_) + " times, for " + text::to_text(lost_time_, 3) +
+    sentences.push_back("the robot was silent " + text::counted(losses_, "time") + ", for " + text::to_text(lost_time_, 3) +
                         " s beyond timeout");
   }
 }

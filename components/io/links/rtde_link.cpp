@@ -477,13 +477,13 @@ void RtdeLink::append_notes(std::vector<std::string>& sentences) const {
     sentences.push_back("no data of a robot came from " + net::to_text(line_.controller()) + ": " + why);
     return;
   }
-  sentences.push_back("robot: " + std::to_string(received_) + " data packages, " + std::to_string(skipped_) + " left out, " +
-                      std::to_string(sent_) + " commands");
-  jumps_.append_notes(sentences, "packages");
+  sentences.push_back("robot: " + text::counted(received_, "data package") + ", " + std::to_string(skipped_) + " left out, " +
+                      text::counted(sent_, "command"));
+  jumps_.append_notes(sentences, "package");
   if (acknowledgement_.awaits())
     sentences.emplace_back("at the end nothing was commanded: acknowledge had not risen since a loss");
   if (losses_ > 0) {
-    sentences.push_back("the robot was silent " + std::to_string(losses_) + " times, for " + text::to_text(lost_time_, 3) +
+    sentences.push_back("the robot was silent " + text::counted(losses_, "time") + ", for " + text::to_text(lost_time_, 3) +
                         " s beyond timeout; last: " + why);
   }
 }

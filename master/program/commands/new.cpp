@@ -51,9 +51,11 @@ std::string robot_in_scenario(const std::string& robot, const fs::path& folder) 
 
 int new_scenario(NewArguments a) {
   const fs::path file = urdf_of(a.request.robot);
-  if (file == fs::path(a.request.robot)) a.request.robot = fs::absolute(file).string();
+  const bool is_file = file == fs::path(a.request.robot);
+  if (is_file) a.request.robot = fs::absolute(file).string();
   const starter::Starter made = starter::make_starter(a.request, units());
-  const std::string scenario = file_name_of(made.robot) + "_" + text::word_of(a.request.kind, starter::kKindWords);
+  const std::string name = is_file && file.stem() != "robot" ? file.stem().string() : made.robot;
+  const std::string scenario = file_name_of(name) + "_" + text::word_of(a.request.kind, starter::kKindWords);
   if (a.out.empty()) a.out = scenario;
   const std::string robot = made.converted.empty() ? robot_in_scenario(a.request.robot, a.out) : "./robot.urdf";
   const std::vector<starter::File> files = made.files(scenario, robot);
@@ -90,7 +92,8 @@ void add_new(CLI::App& app, Chosen& chosen) {
           "motion)")
       ->check(CLI::IsMember({"motion", "compliance", "contact"}))
       ->type_name("WORD");
-  command->add_option("-o,--out", all->out, "Folder for the files (default: <robot>_<kind>)")->type_name("FOLDER");
+  command->add_option("-o,--out", all->out, "Folder for the files (default: <file>_<kind>, or <robot>_<kind> for robot.urdf)")
+      ->type_name("FOLDER");
   command->add_option("--lock", all->request.lock, "Joints that stand still, e.g. finger_1:0.02,finger_2:0.02; rad or m")
       ->type_name("JOINT:POSITION,…");
   command

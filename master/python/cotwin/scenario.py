@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import os
 import re
 from pathlib import Path
@@ -10,7 +11,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from ._native import BadValue, Error, UnknownName
+from ._native import BadValue, Error, UnknownName, unit_names
 from .masks import refuse_mask
 from .unit import Unit, name_of
 
@@ -116,7 +117,8 @@ class Scenario:
     ) -> Scenario:
         """Adds a component.
 
-        unit      a unit of Cotwin, "drive_train"; a class derived from cotwin.Unit; a file *.fmu; None: the name
+        unit      a unit of Cotwin, "drive_train"; "unit:mine" of `units` or `modules` of the run; a class derived from cotwin.Unit;
+                  a file *.fmu; None: the name
         values    start values of parameters, inputs and states: numbers, vectors, texts
         ssv       files with parameter values, before `values`
         stage     stages run one after another within a tick; None: after all components that were added before
@@ -139,6 +141,13 @@ class Scenario:
         else:
             source = os.fspath(source)
             if not source.endswith(".fmu") and not source.startswith("unit:"):
+                kind, known = source.split("?")[0], [*unit_names(), *self.units]
+                if kind not in known:
+                    near = difflib.get_close_matches(kind, known, 1)
+                    raise UnknownName(
+                        f"component '{name}': no unit '{kind}', expected one of {', '.join(known)}, or unit:{kind} of `units` or `modules` of the run"
+                        + (f"; did you mean '{near[0]}'?" if near else "")
+                    )
                 source = f"unit:{source}"
         if settings:
             query = "&".join(f"{_setting(k)}={_setting(text_of(f'{name}: {k}', v))}" for k, v in settings.items())

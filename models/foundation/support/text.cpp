@@ -103,16 +103,24 @@ std::string closest(std::string_view wanted, const std::vector<std::string>& can
   const std::string first_part = std::string(wanted) + "_";
   const auto whole = std::ranges::find_if(candidates, [&](const std::string& c) { return c.starts_with(first_part); });
   if (whole != candidates.end()) return *whole;
-  for (const std::string& candidate : candidates) {
+  const bool is_element = wanted.ends_with(']');
+  for (const std::string& full : candidates) {
+    // Of a vector without its element: "tauJ" is nearer to tau_J[1] than to q[1].
+    const std::string_view candidate =
+        std::string_view(full).substr(0, is_element || !full.ends_with(']') ? full.size() : full.rfind('['));
     const std::size_t longer = std::max(candidate.size(), wanted.size()), shorter = std::min(candidate.size(), wanted.size());
     if (longer - shorter > least) continue;  // lower bound of the distance
     const std::size_t distance = edit_distance(wanted, candidate);
     if (distance < least || (distance == least && best.empty())) {
       least = distance;
-      best = candidate;
+      best = full;
     }
   }
   return best;
+}
+
+std::string counted(std::int64_t number, const std::string& one) {
+  return std::to_string(number) + " " + one + (number == 1 ? "" : "s");
 }
 
 std::string identifier(const std::string& name) {

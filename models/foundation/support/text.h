@@ -28,6 +28,9 @@ std::string joined(const std::vector<std::string>& words, std::string_view separ
 /// "1 2.5 -3", each as to_text writes it.
 std::string joined(std::span<const double> numbers);
 
+/// "1 message", "2 messages".
+std::string counted(std::int64_t number, const std::string& one);
+
 /// Valid name of a variable: replaces every character other than a letter, digit, dot or underscore by an underscore.
 std::string identifier(const std::string& name);
 

@@ -64,7 +64,7 @@ TEST(StepControl, OfAScenarioAsOneUnitIsThatOfTheMaster) {
   EXPECT_NEAR(v.at("i.y").reals()[0], expected, 1e-15);
   std::vector<std::string> notes;
   twin.append_notes(notes);
-  EXPECT_THAT(notes, ElementsAre("p discarded 55 ticks, which were made in up to 4 parts"));
+  EXPECT_THAT(notes, ElementsAre("p discarded 55 ticks, made in up to 4 parts"));
 }
 
 // The master repeats the ticks since its last checkpoint, which may be 256 ticks back. values_changed() makes it take a

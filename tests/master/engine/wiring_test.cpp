@@ -126,6 +126,21 @@ TEST(Wiring, RefusesAnInputWithTwoSourcesAlsoForOneElement) {
             "test.ssd:41: a.y[1] -> b.u[3]: the input b.u[3] is already fed by a.y (test.ssd:41)");
 }
 
+// A connection would overwrite it. Values of files are those of an exported scenario, where inputs have start values.
+TEST(Wiring, RefusesAValueThatTheUserGivesForAConnectedInput) {
+  const auto load = [](const std::string& variable, bool by_user) {
+    Build b;
+    b.unit("a", "gain?n=3").unit("b", "gain?n=3").connect("a.y[1]", "b.u[2]");
+    b.scenario.components[1].start_values.push_back({variable, "2", "", "--set b." + variable + "=2", by_user});
+    return error_of([&] { b.load(); });
+  };
+  EXPECT_EQ(load("u", true),
+            "--set b.u=2: b.u is connected to a.y[1], which sets it, expected a variable without a connection");
+  EXPECT_THAT(load("u[2]", true), HasSubstr("b.u[2] is connected to a.y[1]"));
+  EXPECT_EQ(load("u[1]", true), "");
+  EXPECT_EQ(load("u", false), "");
+}
+
 TEST(Wiring, RefusesConnectorsThatTheUnitDoesNotHave) {
   const auto refusal = [](ConnectorSpec connector) {
     Build b;

@@ -174,6 +174,17 @@ TEST(New, TakesRailsContinuousJointsMimicsFlangesAndJointsWithoutLimits) {
   expect_kinds(file.string());
 }
 
+TEST(New, NamesItsFolderAfterTheFile) {
+  const TemporaryFolder folder("new");
+  for (const std::string file : {"arm.urdf", "robot.urdf"}) {
+    folder.write(file, mixed_robot("mixed"));
+    const std::string scenario = (file == "arm.urdf" ? "arm" : "mixed") + std::string("_motion");
+    ASSERT_EQ(make(folder, {"--robot", file}).code, 0);
+    EXPECT_THAT(content(folder / scenario / "twin.ssd"), HasSubstr("name=\"" + scenario + "\""))
+        << "so that its results are named so, too";
+  }
+}
+
 TEST(New, NamesWhatItAssumed) {
   const TemporaryFolder folder("new");
   folder.write("mixed.urdf", mixed_robot("mixed"));

@@ -171,6 +171,9 @@ TEST(PlotErrors, NameWhatIsMissing) {
   const RunResult wrong = plot({"log.csv", "drive.p"});
   EXPECT_EQ(wrong.code, 2);
   EXPECT_THAT(wrong.err, HasSubstr("no signal 'drive.p'; did you mean 'drive.q'?"));
+  folder.write("vectors.csv", "time,drive.q[1],drive.q[2],drive.tau_J[1],drive.tau_J[2]\n0,1,2,3,4\n1,1,2,3,4\n");
+  EXPECT_THAT(plot({"vectors.csv", "drive.tauJ"}).err, HasSubstr("no signal 'drive.tauJ'; did you mean 'drive.tau_J[1]'?"));
+  EXPECT_THAT(plot({"twin.ssd", "drive.q"}).err, HasSubstr("twin.ssd: is a scenario, expected the folder of its results"));
   EXPECT_THAT(plot({"log.csv", "q"}).err, HasSubstr("no signal 'q'; did you mean 'drive.q'?"));
   folder.write("two.csv", "t,a.q[1],a.q[2],b.q\n0,1,2,3\n");
   EXPECT_THAT(plot({"two.csv", "q"}).err, HasSubstr("no signal 'q'; did you mean 'a.q' or 'b.q'?"));

@@ -224,7 +224,7 @@ TEST_F(Program, CtrlCWhileTheClockIsWaitedForStepsNoFurther) {
   child.signal(SIGINT);
   const RunResult result = child.wait();
   EXPECT_EQ(result.code, 130) << result.err;
-  EXPECT_THAT(result.out, HasSubstr("interrupted at t = 600 s; 600 s in 1 ticks of 600 s"));
+  EXPECT_THAT(result.out, HasSubstr("interrupted at t = 600 s; 600 s in 1 tick of 600 s"));
   EXPECT_EQ(rows(), 3);  // header, start, first tick
 }
 

@@ -104,7 +104,7 @@ TEST(EtherCatDrives, AllStopAtAFaultOfOneUntilItIsAcknowledged) {
   EXPECT_LT(a.hardest, 2 * 20.0);
   std::vector<std::string> sentences;
   a.instance.unit->append_notes(sentences);
-  EXPECT_THAT(sentences, Contains("the drives were stopped 1 times, last because drive q2 left Operation enabled by itself"));
+  EXPECT_THAT(sentences, Contains("the drives were stopped 1 time, last because drive q2 left Operation enabled by itself"));
 }
 
 TEST(EtherCatDrives, DoNotComeBackWhenTheCauseOfAnAcknowledgedFaultGoesLater) {

@@ -200,7 +200,7 @@ TEST(FriControllerLink, KeepsTheClientsAnswerInAFloodOfStrangers) {
   EXPECT_EQ(c.integer("strangers"), 50 * 150);
   EXPECT_EQ(c.integer("rejected"), 50 * 150);
   EXPECT_EQ(c.integer("displaced"), 0);
-  EXPECT_THAT(c.sentences(), Contains("7500 datagrams of other senders were ignored"));
+  EXPECT_THAT(c.sentences(), Contains("7500 datagrams of other senders ignored"));
 }
 
 TEST(FriControllerLink, CountsAnswersThatItCouldNotKeep) {
@@ -726,7 +726,7 @@ TEST(FriControllerLink, SaysWhatItHasSeenOfAClientOfAnotherProtocol) {
   Controlled c(Protocol::kSunrise1_15);
   c.start();
   c.period(false);
-  EXPECT_THAT(c.sentences(), Contains(HasSubstr("answered the 1 messages (sunrise-1.15, from 127.0.0.1:")));
+  EXPECT_THAT(c.sentences(), Contains(HasSubstr("answered the 1 message (sunrise-1.15, from 127.0.0.1:")));
   fri::Command other;
   other.joints = 7;
   other.fields = C::kPosition;

@@ -214,7 +214,7 @@ TEST_P(FriLink, HoldsWhenTheRobotIsSilentAndRecoversWithoutAStep) {
   EXPECT_NE(s.twin.instance.variables.at("warning").strings()[0], "");
   std::vector<std::string> sentences;
   s.twin.instance.unit->append_notes(sentences);
-  EXPECT_THAT(sentences, ::testing::Contains(::testing::HasSubstr("silent 1 times")));
+  EXPECT_THAT(sentences, ::testing::Contains(::testing::HasSubstr("silent 1 time,")));
   // The robot goes on from where it is when somebody has acknowledged; the twin is 0.1 rad away meanwhile.
   const double rest = s.robot.real("q_command", 3);
   for (int k = 0; k < 100; ++k) {

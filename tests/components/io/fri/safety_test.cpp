@@ -346,7 +346,7 @@ TEST_P(FriSafety, CountsAnswersThatTheSystemDoesNotSend) {
   EXPECT_EQ(rig.twin.integer("unsent"), 3);
   std::vector<std::string> sentences;
   rig.twin.instance.unit->append_notes(sentences);
-  EXPECT_THAT(sentences, ::testing::Contains("3 answers to the robot could not be sent"));
+  EXPECT_THAT(sentences, ::testing::Contains("3 answers to the robot not sent by the system"));
 }
 
 TEST(FriSafetyOfSettings, RefusesALoopbackAddressWithARemoteController) {
@@ -413,7 +413,7 @@ TEST(FriSafetyOfSettings, SaysWhatCameInsteadOfTheRobot) {
     return error;
   };
   EXPECT_THAT(error_after(Protocol::kLwr, Protocol::kSunrise2_7),
-              ::testing::HasSubstr(" datagrams were refused, the first from 127.0.0.1:"));
+              ::testing::HasSubstr(" datagrams refused, the first from 127.0.0.1:"));
   EXPECT_THAT(error_after(Protocol::kLwr, Protocol::kSunrise2_7),
               ::testing::HasSubstr(
                   "it is no message of this protocol, but fits sunrise-2.7), expected a controller with protocol lwr"));
