@@ -121,7 +121,8 @@ struct Simulation::Impl {
   }
 
   master::Master make(master::Scenario scenario, const SimulationOptions& options) {
-    if (!options.results.empty()) results.emplace(options.results);
+    if (!options.results.empty())
+      results.emplace(fs::current_path() / options.results, options.results);  // an FMU may call chdir()
     master::MasterOptions chosen = options_of(options, scenario, program_units.types());
     chosen.before_results = [this] {
       if (!results) return;

@@ -1,6 +1,7 @@
 #include "master/python/arrays.h"
 
 #include <algorithm>
+#include <cmath>
 #include <functional>
 
 #include "master/python/faults.h"
@@ -47,13 +48,22 @@ py::array real_array(py::handle value, const char* name) {
   if (py::isinstance<py::array>(value)) {
     auto array = py::reinterpret_borrow<py::array>(value);
     refuse_mask(value, name);
-    if (const char kind = array.dtype().kind(); kind == 'i' || kind == 'u')  // exact up to 2^53, and of no use otherwise
-      return py::array_t<double, py::array::c_style | py::array::forcecast>::ensure(array);
+    if (const char kind = array.dtype().kind(); kind == 'i' || kind == 'u') {
+      py::array reals = py::array_t<double, py::array::c_style | py::array::forcecast>::ensure(array);
+      for (py::ssize_t i = 0; i < reals.size(); ++i) {
+        if (std::abs(static_cast<const double*>(reals.data())[i]) >= 0x1p53)
+          throw BadValue(
+              name, "has an integer of 2^53 or more, which floats may not have, expected it as a start value in text (set=)");
+      }
+      return reals;
+    }
     const std::string reason = unsuitable(array);
     if (reason.empty()) return array;
     throw BadValue(name, reason + ", " + kExpected + "; numpy.ascontiguousarray(" + std::string(name) +
                              ", dtype=float) makes a copy of that kind");
   }
+  const py::array integers = py::array::ensure(value);
+  if (integers && (integers.dtype().kind() == 'i' || integers.dtype().kind() == 'u')) return real_array(integers, name);
   py::array array = py::array_t<double, py::array::c_style | py::array::forcecast>::ensure(value);
   if (array) return array;
   throw BadValue(name, "is no array of numbers but " + std::string(py::str(py::type::handle_of(value).attr("__name__"))) +

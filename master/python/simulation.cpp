@@ -135,7 +135,8 @@ void set(PySimulation& s, const std::string& name, py::handle value) {
   if (py::isinstance<py::array>(value) && py::cast<py::array>(value).dtype().kind() == 'c')
     throw BadValue(name, "has complex numbers, expected real ones");
   const py::array values =
-      py::isinstance<py::array>(value) && !py::cast<py::array>(value).dtype().equal(py::dtype::of<double>())
+      py::isinstance<py::array>(value) && !py::cast<py::array>(value).dtype().equal(py::dtype::of<double>()) &&
+              std::string_view("iu").find(py::cast<py::array>(value).dtype().kind()) == std::string_view::npos
           ? py::array(py::array_t<double, py::array::c_style | py::array::forcecast>::ensure(value))
           : real_array(value, name.c_str());
   if (!values) throw BadValue(name, "expected numbers");

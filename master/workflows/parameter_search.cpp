@@ -114,6 +114,7 @@ class ParameterSearch::Impl {
         varied_(settings.vary),
         condition_(settings.until),
         scenario_(load_scenario(settings.file)) {
+    scenario_.folder = std::filesystem::current_path() / scenario_.folder;  // an FMU may call chdir()
     for (const std::string& assignment : settings.set) assign(scenario_, assignment, types_);
     constexpr double kMaxSeconds = 9e9;  // 2^63 ns is 9.22e9 s
     if (settings.stop && !(std::abs(*settings.stop) <= kMaxSeconds))

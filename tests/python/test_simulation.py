@@ -109,6 +109,14 @@ class Step(Case):
         super().setUp()
         self.simulation = cotwin.Simulation(arm(stop=0.5))
 
+    def test_integers_that_floats_do_not_have_are_refused(self):
+        simulation = cotwin.Simulation(arm())
+        for value in (2**53 + 1, [1] * 6 + [2**53 + 1], np.array([2**60] * 7)):
+            with self.subTest(value), self.assertError("drive.tau_e", "2^53 or more"):
+                simulation["drive.tau_e"] = value
+        simulation["drive.tau_e"] = [1] * 7
+        np.testing.assert_array_equal(simulation["drive.tau_e"], np.ones(7))
+
     def test_values_are_set_and_read(self):
         s = self.simulation
         s["drive.K"] = np.full(7, 2e4)

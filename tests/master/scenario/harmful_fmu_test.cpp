@@ -179,6 +179,13 @@ TEST_F(HarmfulFmu, LeavesResultsWhereTheyBelongWhenItChangesTheFolder) {
   }
 }
 
+TEST_F(HarmfulFmu, IsFoundInEveryRunOfASearchWhenItChangesTheFolder) {
+  scenario("shared", "");
+  std::vector<std::string> search = words("search plant.ssd --until motion.q_d[1]>9 --vary");
+  search.emplace_back("motion.t_start=0:1");
+  EXPECT_THAT(program(search, "chdir", "fmi2DoStep").err, Not(HasSubstr("no such file")));
+}
+
 TEST_F(HarmfulFmu, MaySendSignalsWhileItsEndIsHandled) {
   for (const std::string harm : {"alarms", "alarms and exit"}) {
     for (int attempt = 0; attempt < 3; ++attempt) {
