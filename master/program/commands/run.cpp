@@ -18,6 +18,10 @@ void reject(const std::vector<CLI::Option*>& options, const std::string& what) {
 
 }  // namespace
 
+void locate(std::string& file) {
+  if (!file.empty() && file != "-") file = std::filesystem::absolute(file).string();
+}
+
 void add_run(CLI::App& app, Chosen& chosen) {
   const auto all = std::make_shared<RunArguments>();
   RunArguments& arguments = *all;

@@ -33,6 +33,9 @@ struct RunArguments {
 
 /// Return the exit code. Throw Error for bad input.
 int run_scenario(RunArguments arguments);
-int run_fmu(const RunArguments& arguments);
+int run_fmu(RunArguments arguments);
+
+/// Makes the path of a file absolute, which an FMU that calls chdir() does not move; "-" is stdout.
+void locate(std::string& file);
 
 }  // namespace cotwin::master

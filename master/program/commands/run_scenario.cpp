@@ -305,7 +305,6 @@ RunCheckpoint resume(RunArguments& arguments, const Build& build) {
     throw Error(place, "was written with the instruction set " + checkpoint.build.cpu + ", here it is " + build.cpu +
                            "; results would differ (COTWIN_CPU selects another one)");
   read_options(checkpoint.command, place, arguments);
-  if (!arguments.json.empty() && arguments.json != "-") arguments.json = fs::absolute(arguments.json).string();
   std::error_code error;
   fs::current_path(checkpoint.folder, error);
   if (error) throw Error(place, "began in " + checkpoint.folder + ", which cannot be entered: " + error.message());
@@ -333,18 +332,17 @@ std::optional<int> watch(const Scenario& scenario, const RunArguments& arguments
 int run_scenario(RunArguments arguments) {
   end_on_signals(" while loading and initialising; no results were written\n");
   const Build build = this_build();
+  locate(arguments.json);
   std::optional<RunCheckpoint> earlier;
   if (!arguments.resume.empty()) earlier = resume(arguments, build);
   Scenario scenario = read_scenario(arguments);
-  const std::uint64_t hash = hash_of(scenario);
+  const std::uint64_t hash = hash_of(scenario), files = hash_of(load_scenario(arguments.file));
   if (earlier && earlier->scenario != hash)
     throw Error(
         (arguments.out / ResultsFolder::kCheckpoint).string(),
         "belongs to another scenario: " + arguments.file.string() + " or a file that it names has changed, expected the same");
   const fs::path shown = arguments.out.empty() ? fs::path("results") / file_name_of(scenario.name) : arguments.out;
-  const fs::path out = fs::current_path() / shown;  // an FMU may call chdir()
-  const std::string working_folder = fs::current_path().string();
-  if (!arguments.json.empty() && arguments.json != "-") arguments.json = fs::absolute(arguments.json).string();
+  const fs::path here = fs::current_path(), out = here / shown;  // an FMU may call chdir()
   if (const std::optional<int> code = watch(scenario, arguments, out, shown)) return *code;
   MasterOptions options;
   options.types = units();
@@ -354,7 +352,6 @@ int run_scenario(RunArguments arguments) {
   if (!arguments.plain) options.page = page_of(scenario, arguments, options.folders);
   std::optional<ViewServer> server = view_server(arguments, options.folders);
   if (server) options.observer = &*server;
-  const std::uint64_t files = hash_of(load_scenario(arguments.file));
   ResultsFolder results(out, shown);
   fs::path kept;
   std::optional<RunRecord> record;
@@ -408,7 +405,7 @@ int run_scenario(RunArguments arguments) {
     CheckpointWriter::Options writing;
     writing.file = out / ResultsFolder::kCheckpoint;
     writing.every = std::chrono::duration<double>(arguments.checkpoint);
-    writing.head = {build, hash, options_of(arguments), working_folder, {}};
+    writing.head = {build, hash, options_of(arguments), here.string(), {}};
     writing.sync_recording = [&] { return master->sync_recording(); };
     writing.due = [] { attention |= kCheckpointDue; };
     checkpoints.emplace(*master, std::move(writing));
@@ -455,14 +452,14 @@ int run_scenario(RunArguments arguments) {
   }
   const int code = report(arguments, summary, outcome, warnings);
   std::error_code moved;
-  fs::current_path(working_folder, moved);  // no FMU runs any more
+  fs::current_path(here, moved);  // no FMU runs any more
   if (arguments.report) write_report_page(moved ? out : shown, arguments.quiet);
   if (outcome.state != Outcome::State::kDone && checkpoints && checkpoints->any())
     std::cerr << "cotwin: continue with: cotwin run --resume " << shown.string() << '\n';
   return code;
 }
 
-int run_fmu(const RunArguments& arguments) {
+int run_fmu(RunArguments arguments) {
   end_on_signals(" while loading; no results were written\n");
   if (arguments.fmu.process != fmu::ProcessChoice::kOwn) {
     const fs::path rows = output_file_of(arguments.fmu);
@@ -471,11 +468,10 @@ int run_fmu(const RunArguments& arguments) {
     watch.ended = [&rows](pid_t, const std::string& reason) { return reason.empty() ? "" : keep_rows(rows, rows); };
     if (const std::optional<int> code = watch_run(watch)) return *code;
   }
-  RunArguments located = arguments;  // the FMU may call chdir()
-  if (!located.json.empty() && located.json != "-") located.json = fs::absolute(located.json).string();
-  if (!located.fmu.input_file.empty()) located.fmu.input_file = fs::absolute(located.fmu.input_file);
-  const fs::path shown = output_file_of(arguments.fmu), out = located.fmu.output_file = fs::current_path() / shown;
-  FmuRun run(located.fmu);
+  locate(arguments.json);
+  if (!arguments.fmu.input_file.empty()) arguments.fmu.input_file = fs::absolute(arguments.fmu.input_file);
+  const fs::path shown = output_file_of(arguments.fmu), out = arguments.fmu.output_file = fs::current_path() / shown;
+  FmuRun run(arguments.fmu);
   FileLock lock;
   if (!fs::exists(out) || fs::is_regular_file(out)) lock = FileLock(out.string() + ".lock", out.string());
   run.initialise();
@@ -485,7 +481,7 @@ int run_fmu(const RunArguments& arguments) {
   const Outcome outcome = run_to_the_end(run, run.master(), !arguments.quiet, nullptr);
   Summary summary = run.summary();
   summary.recording = shown;
-  return report(located, summary, outcome, warnings);
+  return report(arguments, summary, outcome, warnings);
 }
 
 int run_scenario(const ScenarioRun& run) {

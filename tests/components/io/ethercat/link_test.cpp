@@ -168,6 +168,33 @@ TEST(EtherCatLink, ShowsATotalLossWithinTwoCycles) {
   for (std::size_t i = 0; i < 4; ++i) EXPECT_EQ(io.integer("state", i), 8) << i;
 }
 
+// The counter is 100 000 further in one cycle, 25 times as far as the terminal can count.
+TEST(EtherCatLink, AnEncoderThatIsElsewhereIsALossAndMovesNothing) {
+  Ports io(kCell);
+  io.set("q_scale", "1e-5");
+  io.set("counts_per_q", "1e5");
+  io.start();
+  io.set("valves", 3, true);
+  io.steps(100);
+  ASSERT_TRUE(io.boolean("valves_field", 3));
+  io.instance.variables.at("q_field").reals()[0] = 1;
+  io.steps(40);
+  EXPECT_EQ(io.real("q"), 0);
+  EXPECT_EQ(io.real("dq"), 0);
+  EXPECT_EQ(io.integer("implausible"), 5);
+  EXPECT_TRUE(io.boolean("axis_uncertain"));
+  EXPECT_TRUE(io.boolean("awaits_acknowledgement"));
+  EXPECT_FALSE(io.boolean("valves_field", 3)) << "outputs are off";
+  io.instance.variables.at("q_field").reals()[0] = 1.01;
+  io.set("acknowledge", "true");
+  io.steps(20);
+  EXPECT_NEAR(io.real("q"), 0.01, 2e-5) << "it goes on from where it was";
+  EXPECT_TRUE(io.boolean("valves_field", 3));
+  std::vector<std::string> told;
+  io.instance.unit->append_notes(told);
+  EXPECT_THAT(told, ::testing::Contains(HasSubstr("encoder terminals gave such counters 1 time in a row")));
+}
+
 // However long its timeout: the slaves have switched off themselves after 0.1 s.
 TEST(EtherCatLink, AwaitsAnAcknowledgementAfterASilenceInWhichSlavesSwitchOff) {
   Ports io(kCell);
