@@ -232,7 +232,8 @@ constexpr const char* kUnits = "--urdf-units ";
 std::string advice(const Request& request, const std::string& options, const Error& error, std::span<const UnitType> types) {
   Request other = request;
   std::string option;
-  if (const auto* units = dynamic_cast<const robot::OtherUnits*>(&error); units != nullptr && !units->units.empty() && request.units.empty()) {
+  if (const auto* units = dynamic_cast<const robot::OtherUnits*>(&error);
+      units != nullptr && !units->units.empty() && request.units.empty()) {
     other.units = units->units;
     option = kUnits + units->units;
   } else {
