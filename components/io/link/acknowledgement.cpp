@@ -79,13 +79,6 @@ bool JumpDetector::is_plausible(std::span<const double> q, double elapsed) const
   return true;
 }
 
-bool JumpDetector::allows(std::span<const double> dq) const {
-  for (std::size_t i = 0; i < dq.size(); ++i) {
-    if (!(std::abs(dq[i]) <= fastest_[i])) return false;
-  }
-  return true;
-}
-
 JumpDetector::Verdict JumpDetector::add(std::span<const double> q, double elapsed, bool credible) {
   if (elapsed <= 0 && credible) forget();
   const bool plausible = credible && is_plausible(q, elapsed);

@@ -1,4 +1,6 @@
 #pragma once
+#include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <span>
 #include <string>
@@ -57,8 +59,8 @@ class JumpDetector {
   /// A position, `elapsed` seconds after the last one that was not held; 0: not known, as after forget(). `credible`: whether the rest of the
   /// message can be true.
   Verdict add(std::span<const double> q, double elapsed, bool credible = true);
-  /// Whether the joints can have these speeds, rad/s.
-  bool allows(std::span<const double> dq) const;
+  /// Whether joint i can have this measured speed, rad/s.
+  bool allows(std::size_t i, double dq) const { return std::abs(dq) <= fastest_[i]; }
   /// Positions that were not plausible since begin().
   std::int32_t implausible() const { return implausible_; }
   /// Appends a sentence if there were any; `one`: "message".

@@ -243,14 +243,17 @@ void EtherCatDrives::read(const ethercat::Master& master) {
     const auto way = static_cast<std::int32_t>(raw - static_cast<std::uint32_t>(d.counts));
     return d.known ? d.counts + way : static_cast<std::int32_t>(raw);
   };
+  bool credible = true;
   for (std::size_t k = 0; k < drives_.size(); ++k) {
     const Drive& d = drives_[k];
     q_read_[k] = q_scale_[d.joint] * static_cast<double>(counts_of(d)) + q_offset_[d.joint];
     dq_read_[k] = d.velocity.bits != 0      ? dq_scale_of(k) * value(d, d.velocity)
                   : d.known && elapsed_ > 0 ? (q_read_[k] - q_[k]) / elapsed_
                                             : 0;
+    // A speed from positions is one count per cycle or more, however slow the axis is.
+    credible = credible && (d.velocity.bits == 0 || jumps_.allows(k, dq_read_[k]));
   }
-  const JumpDetector::Verdict verdict = jumps_.add(q_read_, elapsed_, jumps_.allows(dq_read_));
+  const JumpDetector::Verdict verdict = jumps_.add(q_read_, elapsed_, credible);
   if (verdict == JumpDetector::Verdict::kHeld) return;
   jumped_ = jumped_ || verdict == JumpDetector::Verdict::kJump;
   for (std::size_t k = 0; k < drives_.size(); ++k) {

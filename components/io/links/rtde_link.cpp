@@ -274,7 +274,9 @@ bool RtdeLink::is_believed(double t, std::int64_t host) {
   const auto joints = [&](const char* name) { return c.values().subspan(c.directory().slot(name), n_); };
   const double since = t - t_robot_, passed = static_cast<double>(host - arrived_) / 1e9;
   const bool in_time = !connected_ || (since >= 0 && since <= passed + patience());
-  const JumpDetector::Verdict verdict = jumps_.add(joints("actual_q"), elapsed_, in_time && jumps_.allows(joints("actual_qd")));
+  bool credible = in_time;
+  for (std::size_t i = 0; i < n_; ++i) credible = credible && jumps_.allows(i, joints("actual_qd")[i]);
+  const JumpDetector::Verdict verdict = jumps_.add(joints("actual_q"), elapsed_, credible);
   if (verdict == JumpDetector::Verdict::kJump) demand_acknowledgement();
   return verdict != JumpDetector::Verdict::kHeld;
 }

@@ -125,11 +125,14 @@ TEST(DamagedFrames, ACounterThatIsElsewhereLosesThePositionAndMovesNothing) {
 
 /// Two emulated drives whose answers are damaged before they are read.
 struct Drives {
-  Drives()
-      : field(slaves, 2),
+  /// Without `gives_speed` the process data have no speed.
+  explicit Drives(double rad_per_count = 1e-5, double dq_max = 1, bool gives_speed = true)
+      : slaves(choices(gives_speed)),
+        scale(2, rad_per_count),
+        field(slaves, 2),
         wire(field.bus()),
         faulty(wire),
-        drives(slaves, io::joints_of(slaves, 2, "test"), axes(), nullptr, "test") {
+        drives(slaves, io::joints_of(slaves, 2, "test"), axes(dq_max), nullptr, "test") {
     const JointMeasures measures(nullptr);
     JointVariables joints(v, measures);
     drives.declare(v, joints);
@@ -144,16 +147,20 @@ struct Drives {
     master.emplace(set_up_bus(exchange, expected, options), kMs, 20 * kMs, BusTime{});
     next = wire.now();
   }
-  static std::vector<io::SlaveChoice> choices() {
+  static std::vector<io::SlaveChoice> choices(bool gives_speed) {
     SettingList list;
     io::declare_ethercat_settings(list);
     Settings settings("io", "slaves=EK1100,q1:DRIVE402,q2:DRIVE402", {}, {});
     settings.declare(std::move(list));
-    return io::read_slaves(settings, "test");
+    std::vector<io::SlaveChoice> all = io::read_slaves(settings, "test");
+    for (io::SlaveChoice& s : all) {
+      if (!gives_speed) std::erase_if(s.setup.inputs, [](const Channel& c) { return c.index == cia402::object::kVelocity; });
+    }
+    return all;
   }
-  static std::vector<trajectory::Axis> axes() {
+  static std::vector<trajectory::Axis> axes(double dq_max) {
     std::vector<trajectory::Axis> result = trajectory::free_axes(2);
-    for (trajectory::Axis& axis : result) axis.dq_max = 1;
+    for (trajectory::Axis& axis : result) axis.dq_max = dq_max;
     return result;
   }
   void step() {
@@ -168,13 +175,13 @@ struct Drives {
   }
   bool enabled() { return v.at("drives_enabled").booleans()[0]; }
 
-  std::vector<io::SlaveChoice> slaves = choices();
+  std::vector<io::SlaveChoice> slaves;
+  std::vector<double> scale, offset{0, 0};
   io::EtherCatField field;
   EmulatedWire wire;
   FaultyWire faulty;
   io::EtherCatDrives drives;
   Variables v;
-  std::vector<double> scale{1e-5, 1e-5}, offset{0, 0};
   io::Acknowledgement acknowledgement;
   SetupOptions options;
   std::optional<Master> master;
@@ -190,6 +197,19 @@ void flip(std::span<std::uint8_t> frame, std::size_t byte, unsigned bit) {
   while (reader.next(d)) {
     if (d.command == Command::kLrw) frame[d.data + byte] ^= static_cast<std::uint8_t>(1u << bit);
   }
+}
+
+// 0.4 rad/s are 0.4 counts of 1 mrad per cycle: the mean speed of a cycle with a count is 1 rad/s.
+TEST(DamagedFrames, ACoarseDriveWithoutASpeedIsNotTakenForADamagedOne) {
+  Drives d(1e-3, 0.4, false);
+  for (int i = 0; i < 400 && !d.enabled(); ++i) d.step();
+  ASSERT_TRUE(d.enabled());
+  d.command.q = {0.3, -0.3};
+  for (int i = 0; i < 3000; ++i) d.step();
+  EXPECT_NEAR(d.measured.q[0], 0.3, 2e-3);
+  EXPECT_NEAR(d.measured.q[1], -0.3, 2e-3);
+  EXPECT_EQ(d.drives.implausible(), 0);
+  EXPECT_TRUE(d.enabled());
 }
 
 TEST(DamagedFrames, MoveNoDriveAndStopAllIfTheyGoOn) {

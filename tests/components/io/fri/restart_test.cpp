@@ -80,9 +80,9 @@ TEST(JumpDetector, HoldsSingleOnesAndThoseFasterThanTwiceTheLimit) {
   int jumped = 0;
   for (int k = 0; k < 50; ++k) jumped += jumps.add(std::array{3 * 0.01 * k}, 0.01) == Verdict::kJump ? 1 : 0;
   EXPECT_EQ(jumped, 9) << "each fifth after the first one";
-  EXPECT_FALSE(jumps.allows(std::array{2.1}));
-  EXPECT_TRUE(jumps.allows(std::array{-1.9}));
-  EXPECT_FALSE(jumps.allows(std::array{std::nan("")}));
+  EXPECT_FALSE(jumps.allows(0, 2.1));
+  EXPECT_TRUE(jumps.allows(0, -1.9));
+  EXPECT_FALSE(jumps.allows(0, std::nan("")));
 }
 
 class FriRestart : public ::testing::TestWithParam<Protocol> {};
