@@ -30,9 +30,11 @@ void ContactWorld::declare_robot(Variables& v, Robot& r) {
   const bool outside = r.link == LinkSide::kOutside;
   const std::string of = r.placed->name.empty() ? "of the robot" : "of robot " + r.placed->name;
   if (outside) {
-    joints.output(x + "q", r.q, "rad",
-                  "link-side joint position " + of + " at the end of the step, input of the drive train's (2c)");
-    joints.output(x + "dq", r.dq, "rad/s", "link-side joint speed");
+    joints
+        .output(x + "q", r.q, "rad",
+                "link-side joint position " + of + " at the end of the step, input of the drive train's (2c)")
+        .initially_from({});
+    joints.output(x + "dq", r.dq, "rad/s", "link-side joint speed").initially_from({});
   } else {
     joints.input(x + "q", r.q, "rad", "link-side joint position " + of + ", output of the drive train's (2a)").essential();
     joints.input(x + "dq", r.dq, "rad/s", "link-side joint speed, the derivative of q");
@@ -47,7 +49,8 @@ void ContactWorld::declare_robot(Variables& v, Robot& r) {
   joints
       .output(x + "tau_e", r.tau_e, "N.m",
               "external joint torque in (2a), mean over the step: J^T F of the contacts, and tau_other")
-      .discrete();
+      .discrete()
+      .initially_from(torque ? std::vector{x + "tau_other"} : std::vector<std::string>{});
   joints.output(x + "q_link", r.q_link, "rad",
                 "joint position of the links in the world at the end of the step, for either value of link");
   joints.output(x + "dq_link", r.dq_link, "rad/s", "joint speed of the links in the world");
@@ -81,8 +84,10 @@ void ContactWorld::declare_robot(Variables& v, Robot& r) {
     v.input(x + "base_quat", r.base_quat, "1", "its orientation in W, unit quaternion (w, x, y, z)").essential();
     v.input(x + "base_v", r.base_v, "m/s", "velocity of its origin in W");
     v.input(x + "base_w", r.base_w, "rad/s", "its angular velocity in W");
-    v.output(x + "base_f", r.base_f, "N", "sum of the contact forces on base and links, in W, mean over the step").discrete();
-    v.output(x + "base_m", r.base_m, "N.m", "their moment about the base's origin, in W").discrete();
+    v.output(x + "base_f", r.base_f, "N", "sum of the contact forces on base and links, in W, mean over the step")
+        .discrete()
+        .initially_from({});
+    v.output(x + "base_m", r.base_m, "N.m", "their moment about the base's origin, in W").discrete().initially_from({});
     return;
   }
   v.output(x + "base_p", r.base_p, "m", "position of the floating base in W");

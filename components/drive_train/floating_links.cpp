@@ -62,12 +62,12 @@ void FloatingLinks::declare(Variables& v) {
   v.parameter("base_v0", v0_, "m/s", "velocity of the base's origin in W at the start");
   v.parameter("base_w0", w0_, "rad/s", "angular velocity of the base in W at the start");
   v.parameter("gravity", gravity_, "m/s2", "gravity in W");
-  v.output("base_p", p_, "m", "position of the floating base in W");
-  v.output("base_quat", quat_, "1", "its orientation in W, unit quaternion (w, x, y, z) with w >= 0");
-  v.output("base_v", v_, "m/s", "velocity of its origin in W");
-  v.output("base_w", w_, "rad/s", "its angular velocity in W");
+  v.output("base_p", p_, "m", "position of the floating base in W").initially_from({});
+  v.output("base_quat", quat_, "1", "its orientation in W, unit quaternion (w, x, y, z) with w >= 0").initially_from({});
+  v.output("base_v", v_, "m/s", "velocity of its origin in W").initially_from({});
+  v.output("base_w", w_, "rad/s", "its angular velocity in W").initially_from({});
   v.output("momentum", momentum_, "kg.m/s", "linear momentum of the robot, in W");
-  v.output("spin", spin_, "kg.m2/s", "angular momentum of the robot about its centre of mass, in W");
+  v.output("spin", spin_, "kg.m2/s", "angular momentum of the robot about its centre of mass, in W").initially_from({});
   v.output("centre_of_mass", centre_, "m", "centre of mass of the robot in W");
   v.output("base_work", work_, "J", "part of work_e that base_f and base_m did");
 }

@@ -11,17 +11,24 @@ void DriveTrain::declare(Variables& v) {
   joints.input("tau_m", tau_m_, "N.m", "motor torque in (2b)").rate(dtau_m_).essential();
   if (inside) {
     joints.input("tau_e", tau_e_, "N.m", "external joint torque in (2a)").rate(dtau_e_);
-    joints.output("q", part(0), "rad", "link-side joint position in (2a)");
-    joints.output("dq", part(1), "rad/s", "link-side joint speed").derivative_of("q");
+    joints.output("q", part(0), "rad", "link-side joint position in (2a)").initially_from({});
+    joints.output("dq", part(1), "rad/s", "link-side joint speed").derivative_of("q").initially_from({});
     joints.output("ddq", ddq_, "rad/s2", "link-side joint acceleration, of (2a)").derivative_of("dq");
   } else {
     joints.input("q", q_in_, "rad", "link-side joint position in (2c)").essential();
     joints.input("dq", dq_in_, "rad/s", "link-side joint speed, the derivative of q");
     joints.input("tau_e", tau_e_, "N.m", "external joint torque: not used, because the links are in another unit");
   }
-  joints.output("theta", part(2), "rad", "motor position behind the gear in (2b)");
-  joints.output("dtheta", part(3), "rad/s", "motor speed behind the gear").derivative_of("theta");
-  joints.output("tau_J", tau_J_, "N.m", "joint torque in (2a), (2b), (2c)");
+  auto theta = joints.output("theta", part(2), "rad", "motor position behind the gear in (2b)");
+  auto dtheta = joints.output("dtheta", part(3), "rad/s", "motor speed behind the gear").derivative_of("theta");
+  auto tau_J = joints.output("tau_J", tau_J_, "N.m", "joint torque in (2a), (2b), (2c)");
+  dtheta.initially_from(inside ? std::vector<std::string>{} : std::vector<std::string>{"dq"});
+  if (inside && flexible) {  // the gear carries the links, whatever the motor does
+    std::vector<std::string> load = {"tau_e"};
+    if (equations_.floating() != nullptr) load.insert(load.end(), {"base_f", "base_m"});
+    theta.initially_from(load);
+    tau_J.initially_from(load);
+  }
   joints.output("tau_f", tau_f_, "N.m", "friction torque of the motor in (2b)");
   v.output("energy_kinetic", kinetic_, "J", flexible ? "of motors and, inside, links" : "of links and motors");
   v.output("energy_potential", potential_, "J", "of the links in gravity, inside");

@@ -169,6 +169,13 @@ Variables::Declared& Variables::Declared::start() {
   return *this;
 }
 
+Variables::Declared& Variables::Declared::initially_from(std::vector<std::string> inputs) {
+  Variable& variable = list_.list_[index_];
+  if (variable.role != Role::kOutput) throw Error(variable.name, "initially_from() is only for outputs");
+  variable.initial_inputs = std::move(inputs);
+  return *this;
+}
+
 Variables::Declared& Variables::Declared::discrete() {
   Variable& variable = list_.list_[index_];
   if (variable.role != Role::kOutput || variable.kind() != Kind::kReal) {

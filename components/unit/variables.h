@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <functional>
 #include <limits>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -44,8 +45,10 @@ struct Variable {
   std::string description;  // one sentence: meaning, frame, equation
   double min = -std::numeric_limits<double>::infinity();  // in `si`; both ends belong to the range
   double max = +std::numeric_limits<double>::infinity();
-  std::span<double> rate;     // of an input that may be ramped: its first time derivative over the next step; else empty
-  bool has_start = false;     // of an output: a start value may be given before initialise, as for a state
+  std::span<double> rate;  // of an input that may be ramped: its first time derivative over the next step; else empty
+  bool has_start = false;  // of an output: a start value may be given before initialise, as for a state
+  std::optional<std::vector<std::string>>
+      initial_inputs;         // of an output: on these its value after initialise depends; no value: on all
   std::string derivative_of;  // name of the variable whose first time derivative this one is; else empty
   bool discrete = false;      // of a real output: not a point of a curve (a mean over the step); inputs hold it
   bool essential =
@@ -80,6 +83,8 @@ class Variables {
     }
     /// The output has a start value that may be given before initialise.
     Declared& start();
+    /// After initialise the output depends on these inputs only, and on parameters and start values. Throws Error unless it is an output.
+    Declared& initially_from(std::vector<std::string> inputs);
     /// The variable is the first time derivative of another one, declared before and of the same size. Throws Error if sizes or
     /// units of measure do not fit.
     Declared& derivative_of(std::string name);

@@ -165,6 +165,28 @@ void add_dependencies(ModelDescription& d, const Unit& unit, const Variables& va
   for (Unknown& output : d.structure.outputs) std::sort(output.dependencies->begin(), output.dependencies->end());
 }
 
+constexpr std::size_t kLongestList = 2000;  // of dependencies; a host assumes all where there is no list
+
+/// Adds the inputs and parameters on which an output depends in the initialisation.
+void add_initial_dependencies(ModelDescription& d, const Variables& variables,
+                              const std::map<std::string, std::size_t, std::less<>>& first_of) {
+  const auto elements = [&](const Variable& v) { return d.version == Version::k2 ? v.size() : 1; };
+  for (const Variable& output : variables) {
+    if (!output.initial_inputs) continue;
+    std::vector<std::size_t> knowns;
+    for (const Variable& v : variables) {
+      const bool is_input = std::ranges::find(*output.initial_inputs, v.name) != output.initial_inputs->end();
+      if (!is_input && v.role != Role::kParameter && v.role != Role::kTunable) continue;
+      for (std::size_t i = 0; i < elements(v); ++i) knowns.push_back(first_of.at(v.name) + i);
+    }
+    if (knowns.size() > kLongestList) continue;
+    const std::size_t first = first_of.at(output.name);
+    for (Unknown& unknown : d.structure.initial_unknowns) {
+      if (unknown.variable >= first && unknown.variable < first + elements(output)) unknown.dependencies = knowns;
+    }
+  }
+}
+
 }  // namespace
 
 ModelDescription describe(const UnitType& type, const Unit& unit, const Variables& variables, Version version) {
@@ -217,7 +239,7 @@ ModelDescription describe(const UnitType& type, const Unit& unit, const Variable
       if (!v.derivative_of.empty()) out.derivative = first_of.at(v.derivative_of) + part;
       if (v.role == Role::kOutput) {
         // Outputs are computed at the end of a step. Values set afterwards do not change them, except through the
-        // dependencies that add_dependencies adds. During initialisation they may depend on everything.
+        // dependencies that add_dependencies adds.
         d.structure.outputs.push_back({d.variables.size(), std::vector<std::size_t>{}, {}});
         d.structure.initial_unknowns.push_back({d.variables.size(), std::nullopt, {}});
       }
@@ -235,6 +257,7 @@ ModelDescription describe(const UnitType& type, const Unit& unit, const Variable
     d.variables.push_back(std::move(out));
   }
   add_dependencies(d, unit, variables, first_of);
+  add_initial_dependencies(d, variables, first_of);
   std::sort(measures.begin(), measures.end());
   for (const std::string& si : measures) {
     d.units.push_back(describe_measure(si));

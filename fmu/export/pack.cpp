@@ -116,13 +116,14 @@ fs::path find_library(const PackRequest& request, const std::string& tuple, cons
   throw Error("platform " + tuple, "no library of " + unit + ", " + how + "; looked for" + searched);
 }
 
-void add_libraries(const PackContent& content, const PackRequest& request, std::vector<ArchiveFile>& files) {
+void add_libraries(const PackContent& content, const PackRequest& request, const std::string& identifier,
+                   std::vector<ArchiveFile>& files) {
   std::map<std::string, fs::path> licenses;  // file name → path; each once, even if several platforms have it
   for (const std::string& tuple : platforms_of(request.platforms)) {
     const std::string unit = content.type.name;
     const fs::path folder = find_library(request, tuple, unit);
     for (const std::string& part : content.parts) check_left_out(folder, tuple, part);
-    files.push_back({library_name(tuple, request.version, unit), folder / (unit + library_ending(tuple))});
+    files.push_back({library_name(tuple, request.version, identifier), folder / (unit + library_ending(tuple))});
     std::error_code none;
     for (const auto& entry : fs::directory_iterator(folder / "licenses", none))
       licenses.emplace(entry.path().filename().string(), entry.path());
@@ -222,6 +223,7 @@ void pack(const PackContent& content, const PackRequest& request, const fs::path
   ModelDescription description = describe(content.type, content.unit, content.variables, request.version);
   if (!request.name.empty()) description.model_name = request.name;
   if (request.experiment) description.default_experiment = request.experiment;
+  if (!content.identifier.empty()) description.co_simulation->model_identifier = content.identifier;
   description.co_simulation->only_once_per_process = content.only_once;
   description.co_simulation->needs_execution_tool = content.needs_tool;
 
@@ -239,7 +241,7 @@ void pack(const PackContent& content, const PackRequest& request, const fs::path
   std::vector<ArchiveFile> files;
   files.push_back({"modelDescription.xml", to_xml(description)});
   files.push_back({"documentation/index.html", document(description, package.query)});
-  add_libraries(content, request, files);
+  add_libraries(content, request, description.co_simulation->model_identifier, files);
   files.push_back({"resources/" + std::string(kPackageFile), serialise(package)});
   files.insert(files.end(), content.resources.begin(), content.resources.end());
   write_archive(out, files);

@@ -43,7 +43,7 @@ std::vector<std::string> pack_unit(const PackRequest& request, const std::filesy
 
 /// A unit that is already built, with the start values in its variables.
 struct PackContent {
-  const UnitType& type;  // its name is that of the library
+  const UnitType& type;  // its name is that of the library that the build made
   const Unit& unit;
   const Variables& variables;
   std::string query;                               // its settings, from packed_query()
@@ -53,6 +53,7 @@ struct PackContent {
   std::vector<std::string> parts = {};             // units that the library must contain
   bool only_once = false;                          // one instance per process, because an FMU inside requires it
   bool needs_tool = false;                         // needs an execution tool, likewise
+  std::string identifier = {};                     // modelIdentifier, the library's name in the FMU; empty: the unit's name
 };
 
 /// Writes the FMU of a built unit. Uses only the members of the request after `values`.

@@ -1,6 +1,7 @@
 #include "master/twin/pack_twin.h"
 
 #include <algorithm>
+#include <cctype>
 #include <map>
 
 #include "fmu/export/package.h"
@@ -64,7 +65,13 @@ class TwinPacker {
     request.experiment = {scenario_.start.seconds(), scenario_.stop.seconds(), std::nullopt, scenario_.tick.seconds()};
     request.platforms = options_.platforms;
     request.libraries = options_.libraries;
-    fmu::pack({type, twin, variables, "", nullptr, nullptr, std::move(resources_), std::move(parts_), only_once_, needs_tool_},
+    // Some tools tell FMUs apart by the names of their libraries.
+    std::string identifier = "cotwin_" + scenario_.name;
+    for (char& c : identifier) {
+      if (!std::isalnum(static_cast<unsigned char>(c)) || (c & 0x80) != 0) c = '_';
+    }
+    fmu::pack({type, twin, variables, "", nullptr, nullptr, std::move(resources_), std::move(parts_), only_once_, needs_tool_,
+               identifier},
               request, out);
     return std::move(warnings_);
   }

@@ -6,6 +6,7 @@
 #include <sstream>
 
 #include "fmu/archive/archive.h"
+#include "master/engine/engine.h"
 #include "master/run/recorder.h"
 #include "master/twin/ssd_write.h"
 #include "models/foundation/support/error.h"
@@ -80,8 +81,12 @@ class ScenarioPacker {
   std::vector<std::string> pack(const fs::path& out) {
     const std::vector<ResolvedConnection> links = resolve_connections(scenario_, members_);
     (void)choose_columns(scenario_, members_);  // reports errors of the recording now, not to the user of the package
+    std::vector<ParameterSet> values;
+    for (const Member& member : members_)
+      values.push_back(is_unit(member.spec) ? values_of_unit(member) : values_of_foreign(member, scenario_));
+    initialise();
     std::vector<PackedComponent> components;
-    for (const Member& member : members_) components.push_back(add(member));
+    for (std::size_t m = 0; m < members_.size(); ++m) components.push_back(add(m, links, values[m]));
     const bool scalars = options_.version == fmu::Version::k2;
     files_.insert(files_.begin(), {"SystemStructure.ssd", to_ssd(scenario_, members_, links, components, scalars)});
     fmu::write_archive(out, files_);
@@ -89,25 +94,53 @@ class ScenarioPacker {
   }
 
  private:
-  PackedComponent add(const Member& member) {
+  /// Connected inputs get the values that they have at the start of a run, for a tool that sets none before the first step.
+  void initialise() {
+    const auto outside = std::find_if(members_.begin(), members_.end(), reaches_outside);
+    std::string why = outside == members_.end() ? "" : "'" + outside->name() + "' would reach outside this program";
+    try {
+      if (why.empty()) Engine(scenario_, members_, 1, false).initialise(scenario_.start);
+    } catch (const Error& error) {
+      why = error.what();
+    }
+    is_initialised_ = why.empty();
+    if (!is_initialised_)
+      warnings_.push_back("connected inputs have the start values of their units, not those of a run: " + why);
+  }
+
+  ParameterSet inputs_of(std::size_t m, const std::vector<ResolvedConnection>& links) const {
+    ParameterSet inputs;
+    for (const ResolvedConnection& link : links) {
+      if (link.to.member != m || link.to.variable->kind() != Kind::kReal || !is_initialised_) continue;
+      for (std::size_t i = 0; i < link.to.count; ++i) {
+        const Variable& v = *link.to.variable;
+        const std::string name = v.size() == 1 ? v.name : v.name + "[" + std::to_string(link.to.first + i + 1) + "]";
+        inputs.values.push_back({name, link.to.reals()[i], v.si, ""});
+      }
+    }
+    return inputs;
+  }
+
+  PackedComponent add(std::size_t m, const std::vector<ResolvedConnection>& links, const ParameterSet& values) {
+    const Member& member = members_[m];
     const bool foreign = !is_unit(member.spec);
-    PackedComponent packed{foreign ? copy(member) : make(member), "", foreign};
-    const ParameterSet values = foreign ? values_of_foreign(member, scenario_) : values_of_unit(member);
+    PackedComponent packed{foreign ? copy(member) : make(member, inputs_of(m, links)), "", foreign};
     if (values.values.empty()) return packed;
-    packed.values = names_.make(member.name(), ".ssv");
     std::ostringstream text;
     write_parameter_set(text, values);
-    files_.push_back({packed.values, text.str()});
+    packed.values = text.str();
+    packed.values.erase(0, packed.values.find('\n') + 1);  // the XML declaration
+    for (const ParameterValue& value : values.values) packed.valued.insert(value.name);
     return packed;
   }
 
-  std::string make(const Member& member) {
+  std::string make(const Member& member, ParameterSet inputs) {
     fmu::PackRequest request;
     request.source = member.spec.source;
     request.defaults = settings_for(scenario_, member.name());
     request.folders = options_.folders;
     request.types = options_.types;
-    request.values = {start_values(scenario_, member)};
+    request.values = {start_values(scenario_, member), std::move(inputs)};
     request.version = options_.version;
     request.experiment = {scenario_.start.seconds(), scenario_.stop.seconds(), std::nullopt,
                           static_cast<double>(member.spec.period) * scenario_.tick.seconds()};
@@ -141,6 +174,7 @@ class ScenarioPacker {
   FileNames names_;
   std::vector<fmu::ArchiveFile> files_;
   std::vector<std::string> warnings_;
+  bool is_initialised_ = false;
 };
 
 }  // namespace

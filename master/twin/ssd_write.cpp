@@ -81,6 +81,8 @@ class Writer {
     Tag(out_, 0, "ssd:SystemStructureDescription")
         .with("xmlns:ssd", ssp::kSsd)
         .with("xmlns:ssc", ssp::kSsc)
+        .with("xmlns:oms", "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd")
+        .with("xmlns:osp", "http://opensimulationplatform.com/SSP/OSPAnnotations")
         .with("version", "1.0")
         .with("name", scenario_.name)
         .with("generationTool", "cotwin")
@@ -96,13 +98,24 @@ class Writer {
       for (std::size_t i = 0; i < links_.size(); ++i) write_connections(links_[i], scenario_.connections[i]);
       close(out_, 2, "ssd:Connections");
     }
+    Tag(out_, 2, "ssd:Annotations").open();
+    write_openmodelica();
+    write_annotation();
+    close(out_, 2, "ssd:Annotations");
     close(out_, 1, "ssd:System");
     write_measures();
     Tag(out_, 1, "ssd:DefaultExperiment")
         .with("startTime", scenario_.start.seconds())
         .with("stopTime", scenario_.stop.seconds())
-        .end();
-    write_annotation();
+        .open();
+    Tag(out_, 2, "ssd:Annotations").open();
+    begin_osp(3);
+    Tag(out_, 4, "osp:Algorithm").open();
+    Tag(out_, 5, "osp:FixedStepAlgorithm").with("baseStepSize", scenario_.tick.seconds()).end();
+    close(out_, 4, "osp:Algorithm");
+    close(out_, 3, "ssc:Annotation");
+    close(out_, 2, "ssd:Annotations");
+    close(out_, 1, "ssd:DefaultExperiment");
     close(out_, 0, "ssd:SystemStructureDescription");
     return out_.str();
   }
@@ -119,25 +132,62 @@ class Writer {
         .open();
     Tag(out_, 4, "ssd:Connectors").open();
     for (const Variable& v : member.variables()) {
-      if (v.role == Role::kState) continue;
-      if (v.kind() == Kind::kString && !linked(v)) continue;  // FMPy's SSP runner stops at a connector that is no number
-      if (components_[m].foreign && v.role != Role::kInput && v.role != Role::kOutput && !linked(v)) continue;
+      const auto write = [&](const std::string& name) { write_connector(name, v, components_[m].foreign ? "" : v.si); };
+      std::set<std::string> linked = linked_connectors(v);
       for (const std::string& name : connectors_of(v, 0, v.size(), scalars_)) {
-        write_connector(name, v, components_[m].foreign ? "" : v.si);
+        const bool is_linked = linked.erase(name) != 0, has_value = components_[m].valued.count(name) != 0;
+        // FMPy stops at an output that is no number and connects inputs without a connection; openMCx stops at parameters without a value.
+        const bool is_output = v.role == Role::kOutput && v.kind() != Kind::kString;
+        if (is_linked || is_output || (has_value && v.role != Role::kState)) write(name);
       }
+      std::for_each(linked.begin(), linked.end(), write);  // elements of an array
     }
     close(out_, 4, "ssd:Connectors");
     if (!components_[m].values.empty()) {
       Tag(out_, 4, "ssd:ParameterBindings").open();
-      Tag(out_, 5, "ssd:ParameterBinding").with("source", components_[m].values).end();
+      Tag(out_, 5, "ssd:ParameterBinding").open();
+      Tag(out_, 6, "ssd:ParameterValues").open();
+      out_ << components_[m].values;
+      close(out_, 6, "ssd:ParameterValues");
+      close(out_, 5, "ssd:ParameterBinding");
       close(out_, 4, "ssd:ParameterBindings");
+    }
+    if (member.spec.period > 1) {
+      Tag(out_, 4, "ssd:Annotations").open();
+      begin_osp(5);
+      Tag(out_, 6, "osp:StepSizeHint").with("value", static_cast<double>(member.spec.period) * scenario_.tick.seconds()).end();
+      close(out_, 5, "ssc:Annotation");
+      close(out_, 4, "ssd:Annotations");
     }
     close(out_, 3, "ssd:Component");
   }
 
-  bool linked(const Variable& variable) const {
-    return std::any_of(links_.begin(), links_.end(),
-                       [&](const ResolvedConnection& l) { return l.from.variable == &variable || l.to.variable == &variable; });
+  std::set<std::string> linked_connectors(const Variable& variable) const {
+    std::set<std::string> names;
+    for (const ResolvedConnection& link : links_) {
+      for (const Signal* end : {&link.from, &link.to}) {
+        if (end->variable == &variable) names.merge(set_of(connectors_of(variable, end->first, end->count, scalars_)));
+      }
+    }
+    return names;
+  }
+  static std::set<std::string> set_of(const std::vector<std::string>& names) { return {names.begin(), names.end()}; }
+
+  void begin_osp(int depth) { Tag(out_, depth, "ssc:Annotation").with("type", "com.opensimulationplatform").open(); }
+
+  /// OMSimulator reads a system's first annotation only.
+  void write_openmodelica() {
+    Tag(out_, 3, "ssc:Annotation").with("type", "org.openmodelica").open();
+    Tag(out_, 4, "oms:Annotations").open();
+    Tag(out_, 5, "oms:SimulationInformation").open();
+    Tag(out_, 6, "oms:FixedStepMaster")
+        .with("description", "oms-ma")
+        .with("stepSize", scenario_.tick.seconds())
+        .with("relativeTolerance", 1e-4)
+        .end();
+    close(out_, 5, "oms:SimulationInformation");
+    close(out_, 4, "oms:Annotations");
+    close(out_, 3, "ssc:Annotation");
   }
 
   void write_connector(const std::string& name, const Variable& variable, const std::string& measure) {
@@ -187,7 +237,7 @@ class Writer {
 
   void write(const ToolSpec& tool) {
     const std::string components = text::joined(tool.components, " ");
-    Tag tag(out_, 4, "cotwin:Event");
+    Tag tag(out_, 5, "cotwin:Event");
     tag.with("time", tool.time.seconds()).with(tool.attach ? "attach" : "detach", tool.name);
     if (tool.attach) {
       tag.with("parent", tool.parent)
@@ -205,12 +255,12 @@ class Writer {
     if (tool.frames.empty()) return tag.end();
     tag.open();
     for (const ToolSpec::Frame& frame : tool.frames)
-      Tag(out_, 5, "cotwin:Frame")
+      Tag(out_, 6, "cotwin:Frame")
           .with("name", frame.name)
           .with("xyz", text::joined(frame.xyz))
           .with("rpy", text::joined(frame.rpy))
           .end();
-    close(out_, 4, "cotwin:Event");
+    close(out_, 5, "cotwin:Event");
   }
 
   void write_clock() {
@@ -219,7 +269,7 @@ class Writer {
     const ClockSpec plain;
     std::string cpus;
     for (const int cpu : clock.cpus) text::append(cpus, std::to_string(cpu), " ");
-    Tag(out_, 4, "cotwin:Clock")
+    Tag(out_, 5, "cotwin:Clock")
         .with("kind", text::word_of(clock.kind, kClockWords))
         .with_if(!clock.component.empty(), "component", clock.component)
         .with_if(clock.overrun != plain.overrun, "overrun", text::word_of(clock.overrun, kOverrunWords))
@@ -236,9 +286,8 @@ class Writer {
   }
 
   void write_annotation() {
-    Tag(out_, 1, "ssd:Annotations").open();
-    Tag(out_, 2, "ssc:Annotation").with("type", kAnnotationType).open();
-    Tag(out_, 3, "cotwin:Master")
+    Tag(out_, 3, "ssc:Annotation").with("type", kAnnotationType).open();
+    Tag(out_, 4, "cotwin:Master")
         .with("xmlns:cotwin", kAnnotationSpace)
         .with("tick", scenario_.tick.seconds())
         .with("threads", scenario_.threads)
@@ -248,7 +297,7 @@ class Writer {
         .open();
     write_clock();
     for (const Member& member : members_) {
-      Tag(out_, 4, "cotwin:Component")
+      Tag(out_, 5, "cotwin:Component")
           .with("name", member.name())
           .with("stage", member.spec.stage)
           .with("period", member.spec.period)
@@ -259,7 +308,7 @@ class Writer {
           .end();
     }
     for (const EventSpec& e : scenario_.events) {
-      Tag(out_, 4, "cotwin:Event")
+      Tag(out_, 5, "cotwin:Event")
           .with("time", e.time.seconds())
           .with("variable", e.variable)
           .with("value", e.value)
@@ -267,21 +316,21 @@ class Writer {
           .end();
     }
     for (const ToolSpec& tool : scenario_.tools) write(tool);
-    Tag(out_, 4, "cotwin:Recording")
+    Tag(out_, 5, "cotwin:Recording")
         .with("decimation", scenario_.decimation)
         .with_if(scenario_.all_outputs && !scenario_.recording.empty(), "outputs", "true")
         .open();
-    for (const RecordSpec& r : scenario_.recording) Tag(out_, 5, "cotwin:Record").with("variables", r.variables).end();
-    close(out_, 4, "cotwin:Recording");
+    for (const RecordSpec& r : scenario_.recording) Tag(out_, 6, "cotwin:Record").with("variables", r.variables).end();
+    close(out_, 5, "cotwin:Recording");
     for (const ComparisonSpec& c : scenario_.comparisons) {
-      Tag tag(out_, 4, "cotwin:Comparison");
+      Tag tag(out_, 5, "cotwin:Comparison");
       tag.with("name", c.name).with("a", c.a).with("b", c.b).with("segments", c.segments);
       if (c.from) tag.with("from", c.from->seconds());
       if (c.to) tag.with("to", c.to->seconds());
       tag.end();
     }
     for (const ReportSpec& r : scenario_.reports) {
-      Tag(out_, 4, "cotwin:Report")
+      Tag(out_, 5, "cotwin:Report")
           .with("name", r.name)
           .with("kind", text::word_of(r.kind, kReportWords))
           .with("a", r.a)
@@ -289,7 +338,7 @@ class Writer {
           .end();
     }
     for (const BondSpec& b : scenario_.bonds) {
-      Tag(out_, 4, "cotwin:Bond")
+      Tag(out_, 5, "cotwin:Bond")
           .with("name", b.name)
           .with("effortA", b.effort_a)
           .with("flowA", b.flow_a)
@@ -299,9 +348,8 @@ class Writer {
           .with("reference", b.reference)
           .end();
     }
-    close(out_, 3, "cotwin:Master");
-    close(out_, 2, "ssc:Annotation");
-    close(out_, 1, "ssd:Annotations");
+    close(out_, 4, "cotwin:Master");
+    close(out_, 3, "ssc:Annotation");
   }
 
   const Scenario& scenario_;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <limits>
+#include <map>
 
 #include "master/engine/threaded_unit.h"
 #include "models/foundation/support/bytes.h"
@@ -11,15 +12,6 @@
 namespace cotwin::master {
 
 namespace {
-
-/// The name with "_" for every character that the name of a variable may not contain.
-std::string identifier(std::string name) {
-  const auto letter = [](char c) { return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || c == '_'; };
-  for (char& c : name) {
-    if (!letter(c) && !(c >= '0' && c <= '9') && c != '.') c = '_';
-  }
-  return letter(name.front()) ? name : "_" + name;
-}
 
 template <class Storage>
 Variables::Declared declare_as(Role role, Variables& variables, const std::string& name, Storage storage, const Variable& v) {
@@ -37,6 +29,55 @@ Variables::Declared declare_as(Role role, Variables& variables, const std::strin
   }
   return variables.state(name, storage, v.si, v.description);
 }
+
+/// A variable of the twin.
+struct Declared {
+  std::string name;
+  Role role;
+};
+using AllDeclared = std::map<const Variable*, Declared>;
+
+/// Follows the connections backwards from an output as it is after the initialisation.
+class InitialInputs {
+ public:
+  InitialInputs(std::span<const Member> members, const std::vector<ResolvedConnection>& links, const AllDeclared& declared)
+      : declared_(declared) {
+    for (const ResolvedConnection& link : links)
+      sources_[link.to.variable].insert({&members[link.from.member], link.from.variable});
+  }
+
+  /// The names of the twin's inputs that the output depends on.
+  std::vector<std::string> of(const Member& member, const Variable& output) const {
+    std::set<std::string> inputs;
+    std::set<Output> seen = {{&member, &output}};
+    for (std::vector<Output> open(seen.begin(), seen.end()); !open.empty();) {
+      const auto [of, unknown] = open.back();
+      open.pop_back();
+      for (const Variable& known : of->variables()) {
+        if (!depends(*unknown, known)) continue;
+        const Declared& declared = declared_.at(&known);
+        if (declared.role == Role::kInput) inputs.insert(declared.name);
+        const auto found = sources_.find(&known);
+        if (found == sources_.end()) continue;
+        for (const Output& source : found->second) {
+          if (seen.insert(source).second) open.push_back(source);
+        }
+      }
+    }
+    return {inputs.begin(), inputs.end()};
+  }
+
+ private:
+  using Output = std::pair<const Member*, const Variable*>;
+
+  static bool depends(const Variable& unknown, const Variable& known) {
+    if (known.role != Role::kInput) return known.role == Role::kParameter || known.role == Role::kTunable;
+    return !unknown.initial_inputs || std::ranges::find(*unknown.initial_inputs, known.name) != unknown.initial_inputs->end();
+  }
+
+  const AllDeclared& declared_;
+  std::map<const Variable*, std::set<Output>> sources_;
+};
 
 }  // namespace
 
@@ -84,12 +125,20 @@ void Twin::declare(Variables& variables) {
   variables.foreign();  // FMUs among the components may lack units of measure
   outside_.foreign();
   std::set<std::string> taken;
+  AllDeclared all;
   for (const Member& member : members_) {
     for (const Variable& v : member.variables()) {
       const std::string full = member.name() + "." + v.name;
-      const Role role = role_of(full, v);
-      std::string name = identifier(full);
+      std::string name = text::identifier(full);
       while (!taken.insert(name).second) name += '_';
+      all[&v] = {name, role_of(full, v)};
+    }
+  }
+  const InitialInputs initial(members_, engine_->links, all);
+  for (const Member& member : members_) {
+    for (const Variable& v : member.variables()) {
+      const std::string& name = all.at(&v).name;
+      const Role role = all.at(&v).role;
       std::visit(
           [&](auto storage) {
             auto declared = declare_as(role, variables, name, storage, v);
@@ -97,6 +146,7 @@ void Twin::declare(Variables& variables) {
             if (v.nominal > 0) declared.nominal(v.nominal);
             if (role == Role::kOutput && v.has_start) declared.start();
             if (role == Role::kOutput && v.discrete) declared.discrete();
+            if (role == Role::kOutput) declared.initially_from(initial.of(member, v));
             if (role == Role::kInput || role == Role::kTunable) declare_as(role, outside_, name, storage, v);
           },
           v.storage);

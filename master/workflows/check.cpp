@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <ostream>
 
-#include "components/bus/live_run.h"
 #include "fmu/process/process.h"
 #include "master/clock/clock.h"
 #include "master/engine/coupling/bonds.h"
@@ -69,10 +68,6 @@ class Checker {
   /// Does what a run does before its first tick, without results, and without a clock that waits. Not with units that would then reach
   /// outside.
   void try_to_begin(const Scenario& scenario) {
-    const auto reaches_outside = [](const Member& member) {
-      const Unit& unit = *member.instance.unit;
-      return is_unit(member.spec) && (!unit.restorable() || dynamic_cast<const bus::RunObserver*>(&unit) != nullptr);
-    };
     if (const auto outside = std::ranges::find_if(members_, reaches_outside); outside != members_.end()) {
       findings_.push_back({Finding::Level::kNote, "the initialisation is not tried, because '" + outside->name() +
                                                       "' would reach outside this program"});

@@ -111,7 +111,7 @@ void drive_train(Version version, const fs::path& folder) {
   request.version = version;
   const fs::path archive = folder / "drive_train.fmu";
   fmu::pack_unit(request, archive);
-  const LoadedFmu loaded(archive, "drive_train", version);
+  const LoadedFmu loaded(archive, version);
   Driver driver(loaded);
   driver.initialise();
   const Stepped ours(loaded, driver);
@@ -162,7 +162,7 @@ void whole_twin(Version version, const fs::path& folder) {
   options.folders = folders();
   options.version = version;
   master::pack_twin(scenario, options, archive);
-  const LoadedFmu loaded(archive, "twin", version);
+  const LoadedFmu loaded(archive, version);
   Driver driver(loaded);
   driver.initialise();
   const Stepped ours(loaded, driver);
@@ -229,7 +229,7 @@ double chain(int count, const fs::path& folder) {
     decltype(&fmi2SetReal) set;
     decltype(&fmi2GetReal) get;
   };
-  const LoadedFmu loaded(folder / "trivial.fmu", "trivial", Version::k2);
+  const LoadedFmu loaded(folder / "trivial.fmu", Version::k2);
   std::vector<std::unique_ptr<Driver>> drivers;
   std::vector<Calls> instances;
   for (int i = 0; i < count; ++i) {

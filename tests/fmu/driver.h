@@ -25,16 +25,18 @@ namespace cotwin::fmu::testing {
 /// An unpacked FMU with its library loaded.
 class LoadedFmu {
  public:
-  LoadedFmu(const std::filesystem::path& archive, const std::string& unit, Version version)
+  LoadedFmu(const std::filesystem::path& archive, Version version)
       : archive_(archive), folder_(unpack_archive(archive)), version_(version) {
     const char* platform = version == Version::k2 ? "linux64" : "x86_64-linux";
-    library_ = folder_.path() / "binaries" / platform / (unit + ".so");
+    const std::string xml = read_archive_file(archive, "modelDescription.xml");
+    const auto attribute = [&](const std::string& key) {
+      const std::size_t begin = xml.find(key) + key.size();
+      return xml.substr(begin, xml.find('"', begin) - begin);
+    };
+    library_ = folder_.path() / "binaries" / platform / (attribute("modelIdentifier=\"") + ".so");
+    token_ = attribute(version == Version::k2 ? "guid=\"" : "instantiationToken=\"");
     handle_ = dlopen(library_.c_str(), RTLD_NOW | RTLD_LOCAL);
     if (handle_ == nullptr) throw std::runtime_error(dlerror());
-    const std::string xml = read_archive_file(archive, "modelDescription.xml");
-    const std::string key = version == Version::k2 ? "guid=\"" : "instantiationToken=\"";
-    const std::size_t begin = xml.find(key) + key.size();
-    token_ = xml.substr(begin, xml.find('"', begin) - begin);
   }
   LoadedFmu(const LoadedFmu&) = delete;
   ~LoadedFmu() { dlclose(handle_); }

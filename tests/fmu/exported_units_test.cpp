@@ -46,9 +46,8 @@ class ExportedUnits : public ::testing::TestWithParam<Subject> {
     archive_ = archives.path() / (::testing::PrintToString(std::hash<std::string>{}(request_.source)) + "." +
                                   std::to_string(static_cast<int>(request_.version)) + ".fmu");
     if (!fs::exists(archive_)) pack_unit(request_, archive_);
-    unit_ = parse_unit_source(request_.source).unit;
     static std::map<fs::path, LoadedFmu> loaded;  // each is unpacked once
-    fmu_ = &loaded.try_emplace(archive_, archive_, unit_, request_.version).first->second;
+    fmu_ = &loaded.try_emplace(archive_, archive_, request_.version).first->second;
     reference_ = in_process(request_);
   }
 
@@ -151,7 +150,6 @@ class ExportedUnits : public ::testing::TestWithParam<Subject> {
   TemporaryFolder folder_;
   PackRequest request_;
   fs::path archive_;
-  std::string unit_;
   const LoadedFmu* fmu_ = nullptr;
   Instance reference_;
 };

@@ -48,7 +48,7 @@ class Interface : public ::testing::TestWithParam<Version> {
       request.libraries = COTWIN_PROBE_LIBRARIES;
       pack_unit(request, archives.path() / name);
     }
-    loaded_.push_back(std::make_unique<LoadedFmu>(archives.path() / name, "probe", GetParam()));
+    loaded_.push_back(std::make_unique<LoadedFmu>(archives.path() / name, GetParam()));
     fmu_ = loaded_.back().get();
     Settings settings("probe", source.find('?') == std::string::npos ? "" : source.substr(source.find('?') + 1), {}, {});
     unit_ = construct(kProbe, settings);
@@ -628,7 +628,7 @@ TEST_P(Interface, FreesEverythingWhenItIsUnloaded) {
   const std::filesystem::path archive = fmu_->archive();
   loaded_.clear();  // a library is unloaded when it is no longer used
   const auto load = [&] {
-    LoadedFmu fmu(archive, "probe", GetParam());
+    LoadedFmu fmu(archive, GetParam());
     Driver d(fmu);
     d.initialise();
     void* state = nullptr;

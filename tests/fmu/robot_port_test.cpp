@@ -35,7 +35,7 @@ class Exported {
       : request_(testing::request_for({source, version})), reference_(in_process(request_)) {
     const auto archive = folder_.path() / "unit.fmu";
     pack_unit(request_, archive);
-    fmu_ = std::make_unique<LoadedFmu>(archive, "io", version);
+    fmu_ = std::make_unique<LoadedFmu>(archive, version);
     driver_ = std::make_unique<Driver>(*fmu_);
   }
 

@@ -110,7 +110,7 @@ class TwinFmu : public ::testing::TestWithParam<Version> {
     static fmu::TemporaryFolder archives;  // each is written once
     archive_ = archives.path() / ("twin." + std::to_string(static_cast<int>(GetParam())) + ".fmu");
     if (!fs::exists(archive_)) pack(scenario_, GetParam(), archive_);
-    fmu_ = std::make_unique<LoadedFmu>(archive_, "twin", GetParam());
+    fmu_ = std::make_unique<LoadedFmu>(archive_, GetParam());
   }
 
   std::vector<unsigned> of(const std::string& name) const { return references(layout_.variables, name, GetParam()); }
@@ -406,7 +406,7 @@ Scenario with_a_file() {
 
 TEST(TwinArchive, CarriesTheFilesThatItsUnitsRead) {
   const fmu::TemporaryFolder folder;
-  const LoadedFmu loaded(pack(with_a_file(), Version::k3, folder.path() / "x.fmu"), "twin", Version::k3);
+  const LoadedFmu loaded(pack(with_a_file(), Version::k3, folder.path() / "x.fmu"), Version::k3);
   EXPECT_TRUE(fs::exists(loaded.folder() / "resources/io_recording.csv"));
   Driver d(loaded);
   ASSERT_TRUE(d.alive()) << d.last_message();
@@ -427,7 +427,7 @@ TEST(TwinArchive, CarriesTheFilesThatItsUnitsRead) {
 
 TEST(TwinArchive, StandsAloneAndLoadsWhereverGlibcIs228OrNewer) {
   const fmu::TemporaryFolder folder;
-  const LoadedFmu loaded(pack(example(), Version::k2, folder.path() / "x.fmu"), "twin", Version::k2);
+  const LoadedFmu loaded(pack(example(), Version::k2, folder.path() / "x.fmu"), Version::k2);
   std::istringstream symbols(run_command({"nm", "-D", "--defined-only", loaded.library()}).out);
   int seen = 0;
   for (std::string address, kind, name; symbols >> address >> kind >> name; ++seen) {
@@ -453,7 +453,7 @@ TEST(TwinArchive, IsWrittenByTheProgram) {
   const RunResult packed = pack_as(out);
   EXPECT_EQ(packed.code, 0);
   EXPECT_EQ(packed.out, "");
-  const LoadedFmu loaded(out, "twin", Version::k3);
+  const LoadedFmu loaded(out, Version::k3);
   Driver d(loaded);
   EXPECT_TRUE(d.alive()) << d.last_message();
   EXPECT_THAT(fmu::read_archive_file(out, "modelDescription.xml"), ::testing::HasSubstr("modelName=\"free_motion_lwr4\""));

@@ -103,7 +103,7 @@ Scenario with_foreign_fmus(const fs::path& folder, Version version) {
 class Pair {
  public:
   Pair(const Scenario& scenario, Version version, const fs::path& archive)
-      : fmu_(pack(scenario, version, archive), "twin", version), master_(make_master(scenario)) {
+      : fmu_(pack(scenario, version, archive), version), master_(make_master(scenario)) {
     std::vector<Member> members = load_members(scenario, unit_types(), folders());
     std::set<std::string> outputs;
     for (const Column& column : choose_columns(scenario, members))
@@ -279,7 +279,7 @@ TEST_P(TwinOfFmus, HoldsTheFilesOfSeveralInstancesOnceUnlessAProcessMayHoldOneOn
     scenario.stop = Time::from_seconds(1);
     for (const char* name : {"a", "b", "c"}) scenario.components.push_back(component(name, "ball3.fmu"));
     scenario.components[1].start_values.push_back({"h", 2.0, "", ""});
-    const LoadedFmu loaded(pack(scenario, GetParam(), folder_.path() / "x.fmu"), "twin", GetParam());
+    const LoadedFmu loaded(pack(scenario, GetParam(), folder_.path() / "x.fmu"), GetParam());
     const std::size_t before = fmu::testing::mapped_libraries("ball.so");
     Driver d(loaded);
     EXPECT_TRUE(d.alive()) << d.last_message();
@@ -314,8 +314,7 @@ TEST_P(TwinOfFmus, DeclaresTheRequirementsOfItsFmus) {
 }
 
 TEST_P(TwinOfFmus, HasADescriptionThatFollowsTheStandard) {
-  const LoadedFmu loaded(pack(with_foreign_fmus(folder_.path(), other()), GetParam(), folder_.path() / "twin.fmu"), "twin",
-                         GetParam());
+  const LoadedFmu loaded(pack(with_foreign_fmus(folder_.path(), other()), GetParam(), folder_.path() / "twin.fmu"), GetParam());
   const auto standard = GetParam() == Version::k2 ? cotwin::testing::Standard::kFmi2 : cotwin::testing::Standard::kFmi3;
   const std::string xml = fmu::testing::read_text(loaded.folder() / "modelDescription.xml");
   EXPECT_THAT(cotwin::testing::faults(xml, standard), ::testing::IsEmpty());
@@ -325,8 +324,7 @@ TEST_P(TwinOfFmus, HasADescriptionThatTheSchemaAccepts) {
   const fs::path schema = fs::path(places::public_data("schemas")) /
                           (GetParam() == Version::k2 ? "fmi2/fmi2ModelDescription.xsd" : "fmi3-3.0.2/fmi3ModelDescription.xsd");
   if (!fs::exists(schema)) GTEST_SKIP() << "needs schemas (scripts/fetch_logs.py --tests)";
-  const LoadedFmu loaded(pack(with_foreign_fmus(folder_.path(), other()), GetParam(), folder_.path() / "twin.fmu"), "twin",
-                         GetParam());
+  const LoadedFmu loaded(pack(with_foreign_fmus(folder_.path(), other()), GetParam(), folder_.path() / "twin.fmu"), GetParam());
   EXPECT_EQ(cotwin::testing::schema_errors(schema, loaded.folder() / "modelDescription.xml"), "");
 }
 
@@ -383,7 +381,7 @@ TEST(TwinOfFmusArchive, ReportsAMissingFmuToTheHost) {
   scenario.folder = folder.path();
   scenario.stop = Time::from_seconds(1);
   scenario.components = {component("a", "rogue2.fmu")};
-  const LoadedFmu loaded(pack(scenario, Version::k3, folder.path() / "x.fmu"), "twin", Version::k3);
+  const LoadedFmu loaded(pack(scenario, Version::k3, folder.path() / "x.fmu"), Version::k3);
   fs::remove_all(loaded.folder() / "resources/rogue2.fmu/binaries");
   const Driver d(loaded);
   EXPECT_FALSE(d.alive());
@@ -411,7 +409,7 @@ Scenario with_only_one(const fs::path& folder) {
 TEST(TwinOfFmusArchive, HoldsOneInstanceOfAnFmuAtATime) {
   for (const Version version : {Version::k2, Version::k3}) {
     const fmu::TemporaryFolder folder;
-    const LoadedFmu loaded(pack(with_only_one(folder.path()), version, folder.path() / "x.fmu"), "twin", version);
+    const LoadedFmu loaded(pack(with_only_one(folder.path()), version, folder.path() / "x.fmu"), version);
     Driver d(loaded);
     ASSERT_TRUE(d.alive()) << d.last_message();
     EXPECT_FALSE(Driver(loaded).alive()) << "two at once, which the FMU must detect";
@@ -432,7 +430,7 @@ TEST(TwinOfFmusArchive, HoldsOneInstanceOfAnFmuAtATime) {
 TEST(TwinOfFmusArchive, PassesTheWarningsOfItsFmusToTheHost) {
   for (const Version version : {Version::k2, Version::k3}) {
     const fmu::TemporaryFolder folder;
-    const LoadedFmu loaded(pack(with_only_one(folder.path()), version, folder.path() / "x.fmu"), "twin", version);
+    const LoadedFmu loaded(pack(with_only_one(folder.path()), version, folder.path() / "x.fmu"), version);
     const Driver d(loaded);
     ASSERT_TRUE(d.alive()) << d.last_message();
     ASSERT_EQ(d.log().size(), 1u);
@@ -450,7 +448,7 @@ TEST(TwinOfFmusArchive, PacksTheTargetsOfLinksInAnFmusFolder) {
   std::ofstream(folder.path() / "elsewhere/table.txt") << "1 2 3";
   fs::create_directory_symlink(folder.path() / "elsewhere", fmu / "resources");
   {
-    const LoadedFmu loaded(pack(scenario, Version::k3, folder.path() / "x.fmu"), "twin", Version::k3);
+    const LoadedFmu loaded(pack(scenario, Version::k3, folder.path() / "x.fmu"), Version::k3);
     EXPECT_EQ(fmu::testing::read_text(loaded.folder() / "resources/rogue2.fmu/resources/table.txt"), "1 2 3");
   }
   const auto refusal = [&]() -> std::string {

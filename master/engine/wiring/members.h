@@ -110,6 +110,9 @@ std::vector<std::shared_ptr<const robot::RobotModel>> robots_of_fmu(const std::f
 /// Whether the component is a unit of this program; otherwise it is an FMU.
 bool is_unit(const ComponentSpec& spec);
 
+/// Whether the component is a unit that would reach a robot, a bus or a network when it is initialised.
+bool reaches_outside(const Member& member);
+
 /// "an input", "a tunable": for messages.
 std::string with_article(Role role);
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "components/bus/live_run.h"
 #include "components/unit/settings.h"
 #include "fmu/export/package.h"
 #include "master/engine/wiring/members.h"
@@ -48,6 +49,11 @@ std::vector<std::shared_ptr<const robot::RobotModel>> robots_of_fmu(const std::f
 }
 
 bool is_unit(const ComponentSpec& spec) { return spec.source.rfind("unit:", 0) == 0; }
+
+bool reaches_outside(const Member& member) {
+  const Unit& unit = *member.instance.unit;
+  return is_unit(member.spec) && (!unit.restorable() || dynamic_cast<const bus::RunObserver*>(&unit) != nullptr);
+}
 
 std::string with_article(Role role) {
   const bool vowel = role == Role::kInput || role == Role::kOutput;

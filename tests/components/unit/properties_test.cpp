@@ -2,9 +2,11 @@
 // tests/components/properties/<unit>.sources (one line per variant: the query of its source) and <unit>.ssv.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <filesystem>
+#include <map>
 #include <random>
 #include <set>
 #include <string>
@@ -122,6 +124,36 @@ TEST_P(UnitProperties, HasNoSettingWithTheNameOfAVariableThatCanBeGiven) {
   for (const Setting& setting : settings_of(find_type(parse_unit_source(GetParam()).unit, unit_types()))) {
     const Variable* variable = instance.variables.find(setting.name);
     EXPECT_TRUE(variable == nullptr || (variable->role == Role::kOutput && !variable->has_start)) << setting.name;
+  }
+}
+
+/// Sets the inputs of step 0, but those of `other` to values of another step, and initialises.
+void initialise_with(Instance& instance, const Variable& other, int number) {
+  excite(instance.variables, number);
+  const std::vector<double> values(other.reals().begin(), other.reals().end());
+  excite(instance.variables, 0);
+  std::copy(values.begin(), values.end(), other.reals().begin());
+  instance.unit->initialise(Time{});
+}
+
+TEST_P(UnitProperties, StartsOutputsFromTheInputsThatItDeclares) {
+  Instance instance = start();
+  const auto text_of = [](const Variable& v) {
+    return std::visit(
+        [](auto values) { return std::string(reinterpret_cast<const char*>(values.data()), values.size_bytes()); }, v.storage);
+  };
+  std::map<std::string, std::string> before;
+  for (const Variable& v : instance.variables) before[v.name] = text_of(v);
+  for (const Variable& input : instance.variables) {
+    if (input.role != Role::kInput || input.kind() != Kind::kReal) continue;
+    for (const int number : {100, 777}) {
+      initialise_with(instance, input, number);
+      for (const Variable& v : instance.variables) {
+        if (v.role != Role::kOutput || !v.initial_inputs) continue;
+        const bool declared = std::ranges::find(*v.initial_inputs, input.name) != v.initial_inputs->end();
+        if (!declared) EXPECT_EQ(text_of(v), before[v.name]) << v.name << " depends on " << input.name;
+      }
+    }
   }
 }
 
