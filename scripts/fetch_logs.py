@@ -2,11 +2,11 @@
 """Fetches the measurements and the model of real robots that examples 03 and 06 use from the public repositories of their authors, checks them by
 hash, and writes them in the form of examples/public_data.md.
 
-fetch_logs.py [--tests] [FOLDER]
+fetch_logs.py [--tests] [--fmu] [FOLDER]
 
 FOLDER: for models/, measurements/ and, in fetched/, the files as published; default: build/public_data, where the examples look for them. A file
 that is already there is not fetched again, so that a machine without a network can be given a copy. --tests: also the files that only tests use,
-which tests/public_data.txt lists."""
+which tests/public_data.txt lists. --fmu: only the Reference FMU of example 14, which examples/14_plant/reference_fmu.txt lists."""
 import hashlib
 import http.client
 import pathlib
@@ -124,22 +124,30 @@ def write_arm(urdf, target, tip):
     print(f"{target}: {len(links)} links to {tip}")
 
 
+def fetch_listed(table, folder):
+    """The files of a table of places below `folder` and sources."""
+    lines = [line.split(" ") for line in table.read_text().splitlines() if not line.startswith("#")]
+    files = {urllib.parse.unquote(name): source for name, *source in lines}
+    missing = [name for name in files if not (folder / name).exists()]
+    for name in missing:   # a set is whole or absent, also if the network breaks off
+        fetch(folder / "fetched/tests" / name, *files[name])
+    for name in missing:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / "fetched/tests" / name).rename(folder / name)
+    for name, source in files.items():
+        fetch(folder / name, *source)
+
+
 def main():
-    arguments = [word for word in sys.argv[1:] if word != "--tests"]
+    arguments = [word for word in sys.argv[1:] if word not in ("--tests", "--fmu")]
     if len(arguments) > 1 or any(word.startswith("-") for word in arguments):
         sys.exit(__doc__)
     folder = pathlib.Path(arguments[0] if arguments else ROOT / "build/public_data")
+    if "--fmu" in sys.argv:
+        fetch_listed(ROOT / "examples/14_plant/reference_fmu.txt", folder)
+        return
     if "--tests" in sys.argv:
-        lines = [line.split(" ") for line in (ROOT / "tests/public_data.txt").read_text().splitlines() if not line.startswith("#")]
-        files = {urllib.parse.unquote(name): source for name, *source in lines}
-        missing = [name for name in files if not (folder / name).exists()]
-        for name in missing:   # a set of captures is whole or absent, also if the network breaks off
-            fetch(folder / "fetched/tests" / name, *files[name])
-        for name in missing:
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            (folder / "fetched/tests" / name).rename(folder / name)
-        for name, source in files.items():
-            fetch(folder / name, *source)
+        fetch_listed(ROOT / "tests/public_data.txt", folder)
         if all((folder / name).exists() for name in WRITTEN):
             return
     fetched, models, measurements = (folder / name for name in ("fetched", "models", "measurements"))

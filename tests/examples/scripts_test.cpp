@@ -15,6 +15,7 @@
 #include "tests/support/free_port.h"
 #include "tests/support/patience.h"
 #include "tests/support/places.h"
+#include "tests/support/recording.h"
 #include "tests/support/run_program.h"
 
 namespace scripts_test {
@@ -30,14 +31,15 @@ using cotwin::testing::within_patience;
 using ::testing::HasSubstr;
 
 /// A script in a process group of its own, in a folder whose name has a blank.
-Process start_script(const std::string& script, const fs::path& out, int port, std::vector<std::string> options) {
+Process start_script(const std::string& script, const fs::path& out, int port, std::vector<std::string> options,
+                     const std::string& variable = "LC_ALL=C") {
   const fs::path file = fs::path(cotwin::places::source()) / "examples" / script;
   std::vector<std::string> command{file.string(), "--quiet"};
   command.insert(command.end(), options.begin(), options.end());
-  return Process(std::move(command),
-                 {.environment = {"COTWIN=" + cotwin::places::program(), "OUT=" + out.string(), "PORT=" + std::to_string(port)},
-                  .merge = true,
-                  .prepare = [] { return setpgid(0, 0) == 0; }});
+  return Process(std::move(command), {.environment = {"COTWIN=" + cotwin::places::program(), "OUT=" + out.string(),
+                                                      "PORT=" + std::to_string(port), variable},
+                                      .merge = true,
+                                      .prepare = [] { return setpgid(0, 0) == 0; }});
 }
 
 /// Whether no process of the group is left. Ended ones may wait for init to collect them.
@@ -139,6 +141,43 @@ TEST(Script, EndsAllProcessesWithAMessageIfThePortIsInUse) {
   EXPECT_THAT(result.out, HasSubstr("UDP socket at 127.0.0.1:" + port + ": bind: Address already in use"));
   EXPECT_TRUE(group_ends(group));
   kill(-group, SIGKILL);
+}
+
+// Example 14: the script compares the recordings bit by bit.
+TEST(Plant, IsTheSameWithUnitsWithFmusAndAsAPackage) {
+  const TemporaryFolder folder("plant");
+  const fs::path out = folder.path() / "my plant";
+  const RunResult result = start_script("14_plant/run.sh", out, 0, {}).wait();
+  ASSERT_EQ(result.code, 0) << result.out;
+  EXPECT_THAT(result.out, HasSubstr("the same as plant.ssp"));
+  auto columns = cotwin::testing::read_recording(out / "package/signals.csv");
+  const auto &time = columns.at("time"), &run = columns.at("cell.run"), &travel = columns.at("conveyor.travel");
+  const auto &state = columns.at("cell.state"), &taken = columns.at("cell.taken");
+  const std::vector<double> home = {0, 0.3, 0, -1.2, 0, 0.9, 0}, part = {0.9, 0.8, 0.3, -0.9, -0.4, 1.1, 0.5};
+  const auto expect_at = [&](std::size_t row, const std::vector<double>& q) {
+    for (std::size_t i = 0; i < q.size(); ++i)
+      EXPECT_NEAR(columns.at("robot.drive.q[" + std::to_string(i + 1) + "]")[row], q[i], 2e-3) << time[row];
+  };
+  std::vector<double> arrivals;
+  for (std::size_t k = 1; k < time.size(); ++k) {
+    if (run[k] == run[k - 1])
+      EXPECT_NEAR(travel[k] - travel[k - 1], 0.0025 * run[k], 0.000251) << time[k];  // a row is ten ticks
+    if (taken[k] > taken[k - 1]) expect_at(k, part);
+    if (state[k] == 1 && state[k - 1] != 1) expect_at(k, home);
+    if (state[k] == 1 && state[k - 1] != 1) arrivals.push_back(time[k]);
+  }
+  // The belt needs 1 s to the first part, and goes on while the robot returns in 1.2 s: from then on the robot is what takes 2.4 s a part.
+  ASSERT_EQ(arrivals.size(), 4U);
+  for (std::size_t k = 0; k < arrivals.size(); ++k) EXPECT_NEAR(arrivals[k], 1 + 2.4 * static_cast<double>(k), 0.02);
+  EXPECT_EQ(taken.back(), 4);
+}
+
+TEST(Plant, NamesAMissingCompiler) {
+  const TemporaryFolder folder("plant");
+  const RunResult result = start_script("14_plant/run.sh", folder.path() / "out", 0, {}, "CC=no-such-compiler").wait();
+  EXPECT_EQ(result.code, 2);
+  EXPECT_THAT(result.out, HasSubstr("no C compiler 'no-such-compiler', expected one for conveyor.c and cell.c"));
+  EXPECT_FALSE(fs::exists(folder.path() / "out"));
 }
 
 }  // namespace
