@@ -36,6 +36,42 @@ std::string machine_of(const std::string& folder) {
   return found != kFmi2.end() ? found->second : folder.substr(0, std::min(folder.find('-'), folder.size()));
 }
 
+/// The functions of FMI 2.0.4 for Co-Simulation, all of which must be present (2.1, 4.2).
+constexpr const char* kCoSimulation2[] = {"fmi2CancelStep",
+                                          "fmi2DeSerializeFMUstate",
+                                          "fmi2DoStep",
+                                          "fmi2EnterInitializationMode",
+                                          "fmi2ExitInitializationMode",
+                                          "fmi2FreeFMUstate",
+                                          "fmi2FreeInstance",
+                                          "fmi2GetBoolean",
+                                          "fmi2GetBooleanStatus",
+                                          "fmi2GetDirectionalDerivative",
+                                          "fmi2GetFMUstate",
+                                          "fmi2GetInteger",
+                                          "fmi2GetIntegerStatus",
+                                          "fmi2GetReal",
+                                          "fmi2GetRealOutputDerivatives",
+                                          "fmi2GetRealStatus",
+                                          "fmi2GetStatus",
+                                          "fmi2GetString",
+                                          "fmi2GetStringStatus",
+                                          "fmi2GetTypesPlatform",
+                                          "fmi2GetVersion",
+                                          "fmi2Instantiate",
+                                          "fmi2Reset",
+                                          "fmi2SerializeFMUstate",
+                                          "fmi2SerializedFMUstateSize",
+                                          "fmi2SetBoolean",
+                                          "fmi2SetDebugLogging",
+                                          "fmi2SetFMUstate",
+                                          "fmi2SetInteger",
+                                          "fmi2SetReal",
+                                          "fmi2SetRealInputDerivatives",
+                                          "fmi2SetString",
+                                          "fmi2SetupExperiment",
+                                          "fmi2Terminate"};
+
 /// Collects the findings of one library.
 class Report {
  public:
@@ -98,12 +134,23 @@ class Report {
       if (!symbol.starts_with("fmi2") && !symbol.starts_with("fmi3")) others.push_back(symbol);
     }
     if (!interface) add(Level::kError, "exports no function " + prefix_ + "…");
+    if (std::ranges::binary_search(exported, "fmi2DoStep")) all_functions(exported);
     if (others.empty()) return;
     const std::size_t n = others.size();
     others.resize(std::min<std::size_t>(n, 3));
     add(Level::kWarning, "exports " + std::to_string(n) +
                              " symbols other than fmi2* and fmi3*, which can collide with those of other libraries: " +
                              text::joined(others) + (n > 3 ? ", …" : ""));
+  }
+  /// FMPy, OMSimulator and libcosim refuse a library without one of them; our importer does not.
+  void all_functions(const std::vector<std::string>& exported) {
+    std::vector<std::string> missing;
+    for (const char* name : kCoSimulation2) {
+      if (!std::ranges::binary_search(exported, name)) missing.emplace_back(name);
+    }
+    if (!missing.empty())
+      add(Level::kWarning,
+          "lacks functions that FMI 2 requires, without which other tools refuse it: " + text::joined(missing));
   }
   void needs(const std::string& first, std::vector<std::string> libraries) {
     if (!first.empty()) libraries.insert(libraries.begin(), first);

@@ -235,13 +235,18 @@ void pack(const PackContent& content, const PackRequest& request, const fs::path
   package.start.take(content.variables);
   std::string hashed = to_xml(description) + serialise(package);
   for (const ArchiveFile& file : content.resources) hashed += file.name + std::get<std::string>(file.content);
+  std::vector<ArchiveFile> libraries;
+  add_libraries(content, request, description.co_simulation->model_identifier, libraries);
+  for (const ArchiveFile& file : libraries) {  // some hosts keep unpacked FMUs by their token; states of other code do not fit
+    if (file.name.starts_with("binaries/")) hashed += std::to_string(hash_of(read(std::get<fs::path>(file.content))));
+  }
   description.token = package.token = token_of(hashed);
   description.generation_date = generation_date();
 
   std::vector<ArchiveFile> files;
   files.push_back({"modelDescription.xml", to_xml(description)});
   files.push_back({"documentation/index.html", document(description, package.query)});
-  add_libraries(content, request, description.co_simulation->model_identifier, files);
+  files.insert(files.end(), libraries.begin(), libraries.end());
   files.push_back({"resources/" + std::string(kPackageFile), serialise(package)});
   files.insert(files.end(), content.resources.begin(), content.resources.end());
   write_archive(out, files);

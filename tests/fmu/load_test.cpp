@@ -277,10 +277,14 @@ TEST_F(Load, ChecksAnFmuWithAndWithoutLoadingIt) {
   EXPECT_THAT(texts(good, Finding::Level::kError), ::testing::IsEmpty());
   EXPECT_THAT(texts(good, Finding::Level::kNote), Contains("Model Exchange: instantiated and initialised"));
   EXPECT_THAT(texts(good, Finding::Level::kNote), Contains(HasSubstr("binaries/x86_64-linux/ball.so needs glibc 2.")));
+  const std::vector<Finding> ball = check_fmu(make_fmu("ball2", folder_.path()), true);
+  EXPECT_THAT(texts(ball, Finding::Level::kWarning), ::testing::IsEmpty()) << "only Model Exchange";
   const std::vector<Finding> other =
       check_fmu(make_fmu("rogue2", folder_.path(), {{"guid=\"{rogue}\"", "guid=\"{x}\""}}), true);
   EXPECT_THAT(texts(other, Finding::Level::kError),
               Contains(::testing::StartsWith("Co-Simulation: rogue2.fmu: fmi2Instantiate returned no instance")));
+  EXPECT_THAT(texts(other, Finding::Level::kWarning),
+              Contains(HasSubstr("other tools refuse it: fmi2GetDirectionalDerivative")));
   const std::vector<Finding> empty = check_fmu(raw_archive({{"readme.txt", "no FMU"}}), true);
   ASSERT_EQ(empty.size(), 1u);
   EXPECT_EQ(empty[0].text, "raw.fmu: has no modelDescription.xml");

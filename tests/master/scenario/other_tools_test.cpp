@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <fstream>
 #include <map>
 #include <optional>
 #include <set>
@@ -181,6 +182,27 @@ TEST_P(Example02, TheDriveStartsFromItsLoadAlone) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Examples, Example02, ::testing::Values("02_free_motion_lwr4/twin.ssd"));
+
+// libcosim (52cc825): tried. It keeps unpacked FMUs by their token, in ~/.cache/cosim, also those of an older Cotwin.
+TEST(Token, IsAnotherOneForAnotherLibrary) {
+  const fmu::TemporaryFolder folder;
+  const auto token = [&](const char* ending) {
+    const fs::path platform = folder.path() / fmu::own_platform();
+    fs::create_directories(platform);
+    fs::copy_file(fmu::library_folder() / fmu::own_platform() / "motion.so", platform / "motion.so",
+                  fs::copy_options::overwrite_existing);
+    std::ofstream(platform / "motion.so", std::ios::app) << ending;
+    fmu::PackRequest request;
+    request.source = "unit:motion";
+    request.types = unit_types();
+    request.libraries = folder.path();
+    fmu::pack_unit(request, folder.path() / "x.fmu");
+    return fmu::parse_model_description(fmu::read_archive_file(folder.path() / "x.fmu", "modelDescription.xml"), "x").token;
+  };
+  const std::string first = token("");
+  EXPECT_EQ(token(""), first);
+  EXPECT_NE(token("x"), first);
+}
 
 class OneFmu : public ::testing::TestWithParam<fmu::Version> {};
 
