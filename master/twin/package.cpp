@@ -76,7 +76,7 @@ ParameterSet values_of_foreign(const Member& member, const Scenario& scenario) {
 class ScenarioPacker {
  public:
   ScenarioPacker(const Scenario& scenario, const PackageOptions& options)
-      : scenario_(scenario), options_(options), members_(load_members(scenario, options.types, options.folders)) {}
+      : scenario_(scenario), options_(options), members_(load(scenario, options)) {}
 
   std::vector<std::string> pack(const fs::path& out) {
     const std::vector<ResolvedConnection> links = resolve_connections(scenario_, members_);
@@ -94,6 +94,15 @@ class ScenarioPacker {
   }
 
  private:
+  /// With foreign FMUs in processes of their own, because they will be initialised.
+  static std::vector<Member> load(Scenario scenario, const PackageOptions& options) {
+    const std::vector<ComponentSpec> wanted = scenario.components;
+    for (ComponentSpec& spec : scenario.components) spec.process = trial_process(spec);
+    std::vector<Member> members = load_members(scenario, options.types, options.folders);
+    for (std::size_t m = 0; m < members.size(); ++m) members[m].spec.process = wanted[m].process;
+    return members;
+  }
+
   /// Connected inputs get the values that they have at the start of a run, for a tool that sets none before the first step.
   void initialise() {
     const auto outside = std::find_if(members_.begin(), members_.end(), reaches_outside);

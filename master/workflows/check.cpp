@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <ostream>
 
-#include "fmu/process/process.h"
 #include "master/clock/clock.h"
 #include "master/engine/coupling/bonds.h"
 #include "master/engine/events.h"
@@ -75,7 +74,7 @@ class Checker {
     }
     Scenario trial = scenario;
     trial.clock = {};
-    for (ComponentSpec& spec : trial.components) spec.process = process_of(spec);
+    for (ComponentSpec& spec : trial.components) spec.process = trial_process(spec);
     members_.clear();  // some FMUs allow one instance
     attempt([&] {
       MasterOptions options;
@@ -87,17 +86,11 @@ class Checker {
     });
   }
 
-  /// FMUs are tried in a process of their own unless the scenario chooses.
-  static fmu::ProcessChoice process_of(const ComponentSpec& spec) {
-    const bool own = !is_unit(spec) && spec.process == fmu::ProcessChoice::kAuto && !fmu::host_program().empty();
-    return own ? fmu::ProcessChoice::kOwn : spec.process;
-  }
-
   void check_component(const ComponentSpec& spec, const Scenario& scenario) {
     std::optional<Member> loaded;
     std::vector<std::string> used;
     ComponentSpec checked = spec;
-    checked.process = process_of(spec);
+    checked.process = trial_process(spec);
     if (!attempt([&] { loaded = load_member(checked, scenario, types_, folders_, fmus_, &used); })) return;
     if (!is_unit(spec)) check_description(spec, scenario);
     Member& member = *loaded;

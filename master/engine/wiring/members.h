@@ -113,6 +113,9 @@ bool is_unit(const ComponentSpec& spec);
 /// Whether the component is a unit that would reach a robot, a bus or a network when it is initialised.
 bool reaches_outside(const Member& member);
 
+/// The process in which an FMU of the component is tried: its own, unless the scenario chooses.
+fmu::ProcessChoice trial_process(const ComponentSpec& spec);
+
 /// "an input", "a tunable": for messages.
 std::string with_article(Role role);
 

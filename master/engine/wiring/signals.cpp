@@ -6,6 +6,7 @@
 #include "components/bus/live_run.h"
 #include "components/unit/settings.h"
 #include "fmu/export/package.h"
+#include "fmu/process/process.h"
 #include "master/engine/wiring/members.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/file.h"
@@ -49,6 +50,11 @@ std::vector<std::shared_ptr<const robot::RobotModel>> robots_of_fmu(const std::f
 }
 
 bool is_unit(const ComponentSpec& spec) { return spec.source.rfind("unit:", 0) == 0; }
+
+fmu::ProcessChoice trial_process(const ComponentSpec& spec) {
+  const bool own = !is_unit(spec) && spec.process == fmu::ProcessChoice::kAuto && !fmu::host_program().empty();
+  return own ? fmu::ProcessChoice::kOwn : spec.process;
+}
 
 bool reaches_outside(const Member& member) {
   const Unit& unit = *member.instance.unit;

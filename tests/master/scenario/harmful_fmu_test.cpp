@@ -96,6 +96,15 @@ class HarmfulFmu : public ::testing::Test {
 const char* const kEnds[] = {"exit", "exit-3", "quick_exit", "thread-exit", "abort",     "segv",    "bus",
                              "fpe",  "ill",    "null",       "throw",       "throw-int", "overflow"};
 
+TEST_F(HarmfulFmu, IsPackedWithAWarning) {
+  scenario("auto", "abort");
+  const RunResult result = program(words("pack plant.ssd -o plant.ssp"), "abort", "fmi2EnterInitializationMode");
+  EXPECT_EQ(result.code, 0);
+  EXPECT_THAT(result.err, AllOf(HasSubstr("warning: connected inputs have the start values of their units"), HasSubstr("pump"),
+                                HasSubstr("fmi2EnterInitializationMode")));
+  EXPECT_TRUE(fs::exists(folder_ / "plant.ssp"));
+}
+
 TEST_F(HarmfulFmu, EndsTheRunWithAMessageAndKeepsTheRowsInTheSharedProcess) {
   for (const std::string harm : kEnds) {
     const RunResult ran = run_fmu("shared", harm, "fmi2DoStep");
