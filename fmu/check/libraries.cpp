@@ -37,40 +37,14 @@ std::string machine_of(const std::string& folder) {
 }
 
 /// The functions of FMI 2.0.4 for Co-Simulation, all of which must be present (2.1, 4.2).
-constexpr const char* kCoSimulation2[] = {"fmi2CancelStep",
-                                          "fmi2DeSerializeFMUstate",
-                                          "fmi2DoStep",
-                                          "fmi2EnterInitializationMode",
-                                          "fmi2ExitInitializationMode",
-                                          "fmi2FreeFMUstate",
-                                          "fmi2FreeInstance",
-                                          "fmi2GetBoolean",
-                                          "fmi2GetBooleanStatus",
-                                          "fmi2GetDirectionalDerivative",
-                                          "fmi2GetFMUstate",
-                                          "fmi2GetInteger",
-                                          "fmi2GetIntegerStatus",
-                                          "fmi2GetReal",
-                                          "fmi2GetRealOutputDerivatives",
-                                          "fmi2GetRealStatus",
-                                          "fmi2GetStatus",
-                                          "fmi2GetString",
-                                          "fmi2GetStringStatus",
-                                          "fmi2GetTypesPlatform",
-                                          "fmi2GetVersion",
-                                          "fmi2Instantiate",
-                                          "fmi2Reset",
-                                          "fmi2SerializeFMUstate",
-                                          "fmi2SerializedFMUstateSize",
-                                          "fmi2SetBoolean",
-                                          "fmi2SetDebugLogging",
-                                          "fmi2SetFMUstate",
-                                          "fmi2SetInteger",
-                                          "fmi2SetReal",
-                                          "fmi2SetRealInputDerivatives",
-                                          "fmi2SetString",
-                                          "fmi2SetupExperiment",
-                                          "fmi2Terminate"};
+constexpr const char* kCoSimulation2 =
+    "fmi2CancelStep fmi2DeSerializeFMUstate fmi2DoStep fmi2EnterInitializationMode fmi2ExitInitializationMode "
+    "fmi2FreeFMUstate fmi2FreeInstance fmi2GetBoolean fmi2GetBooleanStatus fmi2GetDirectionalDerivative "
+    "fmi2GetFMUstate fmi2GetInteger fmi2GetIntegerStatus fmi2GetReal fmi2GetRealOutputDerivatives "
+    "fmi2GetRealStatus fmi2GetStatus fmi2GetString fmi2GetStringStatus fmi2GetTypesPlatform fmi2GetVersion "
+    "fmi2Instantiate fmi2Reset fmi2SerializeFMUstate fmi2SerializedFMUstateSize fmi2SetBoolean "
+    "fmi2SetDebugLogging fmi2SetFMUstate fmi2SetInteger fmi2SetReal fmi2SetRealInputDerivatives fmi2SetString "
+    "fmi2SetupExperiment fmi2Terminate";
 
 /// Collects the findings of one library.
 class Report {
@@ -145,7 +119,7 @@ class Report {
   /// FMPy, OMSimulator and libcosim refuse a library without one of them; our importer does not.
   void all_functions(const std::vector<std::string>& exported) {
     std::vector<std::string> missing;
-    for (const char* name : kCoSimulation2) {
+    for (const std::string_view name : text::split(kCoSimulation2, ' ')) {
       if (!std::ranges::binary_search(exported, name)) missing.emplace_back(name);
     }
     if (!missing.empty())

@@ -171,6 +171,7 @@ constexpr std::size_t kLongestList = 2000;  // of dependencies; a host assumes a
 void add_initial_dependencies(ModelDescription& d, const Variables& variables,
                               const std::map<std::string, std::size_t, std::less<>>& first_of) {
   const auto elements = [&](const Variable& v) { return d.version == Version::k2 ? v.size() : 1; };
+  std::vector<Unknown>& unknowns = d.structure.initial_unknowns;  // in the order of the variables
   for (const Variable& output : variables) {
     if (!output.initial_inputs) continue;
     std::vector<std::size_t> knowns;
@@ -180,10 +181,8 @@ void add_initial_dependencies(ModelDescription& d, const Variables& variables,
       for (std::size_t i = 0; i < elements(v); ++i) knowns.push_back(first_of.at(v.name) + i);
     }
     if (knowns.size() > kLongestList) continue;
-    const std::size_t first = first_of.at(output.name);
-    for (Unknown& unknown : d.structure.initial_unknowns) {
-      if (unknown.variable >= first && unknown.variable < first + elements(output)) unknown.dependencies = knowns;
-    }
+    auto unknown = std::ranges::lower_bound(unknowns, first_of.at(output.name), {}, &Unknown::variable);
+    for (std::size_t i = 0; i < elements(output); ++i) (unknown++)->dependencies = knowns;
   }
 }
 

@@ -36,8 +36,8 @@ struct PackRequest {
 
 /// Writes the FMU: model description; the library of each platform; in resources/ the package that the unit is built from
 /// (package.h) and every file that a parameter names; documentation. The token is a hash of everything that the host or the
-/// unit reads and of the libraries, so equal requests give equal FMUs. The archives are byte-identical except for generationDateAndTime, which the
-/// environment variable SOURCE_DATE_EPOCH fixes. Returns the unit's warnings. Throws Error if make_unit() or the unit does
+/// unit reads and of the libraries, so equal requests give equal FMUs. The archives are byte-identical except for
+/// generationDateAndTime, which the environment variable SOURCE_DATE_EPOCH fixes. Returns the unit's warnings. Throws Error if make_unit() or the unit does
 /// (also its initialisation, if `alone`), and if a library was not built.
 std::vector<std::string> pack_unit(const PackRequest& request, const std::filesystem::path& out);
 

@@ -35,7 +35,18 @@ class FileNames {
   std::set<std::string> taken_;
 };
 
-/// The start values of a unit after their conversion: numbers in the variable's own unit of measure, element by element.
+/// Appends values of elements, in the variable's own unit of measure; none of a string.
+void append(ParameterSet& set, const Variable& v, std::size_t first, std::size_t count) {
+  for (std::size_t i = first; i < first + count && v.kind() != Kind::kString; ++i) {
+    ParameterValue value{v.size() == 1 ? v.name : v.name + "[" + std::to_string(i + 1) + "]", 0.0, v.si, ""};
+    if (v.kind() == Kind::kReal) value.value = v.reals()[i];
+    if (v.kind() == Kind::kInteger) value.value = std::int64_t{v.integers()[i]};
+    if (v.kind() == Kind::kBoolean) value.value = static_cast<bool>(v.booleans()[i]);
+    set.values.push_back(std::move(value));
+  }
+}
+
+/// The start values of a unit after their conversion.
 ParameterSet values_of_unit(const Member& member) {
   std::set<const Variable*> given;
   for (const ParameterValue& value : member.spec.start_values) {
@@ -43,14 +54,7 @@ ParameterSet values_of_unit(const Member& member) {
   }
   ParameterSet set{member.name(), {}, {}};
   for (const Variable& v : member.variables()) {
-    if (given.count(&v) == 0 || v.kind() == Kind::kString) continue;
-    for (std::size_t i = 0; i < v.size(); ++i) {
-      ParameterValue value{v.size() == 1 ? v.name : v.name + "[" + std::to_string(i + 1) + "]", 0.0, v.si, ""};
-      if (v.kind() == Kind::kReal) value.value = v.reals()[i];
-      if (v.kind() == Kind::kInteger) value.value = std::int64_t{v.integers()[i]};
-      if (v.kind() == Kind::kBoolean) value.value = static_cast<bool>(v.booleans()[i]);
-      set.values.push_back(std::move(value));
-    }
+    if (given.count(&v) != 0) append(set, v, 0, v.size());
   }
   si::define_units(set);
   return set;
@@ -120,12 +124,7 @@ class ScenarioPacker {
   ParameterSet inputs_of(std::size_t m, const std::vector<ResolvedConnection>& links) const {
     ParameterSet inputs;
     for (const ResolvedConnection& link : links) {
-      if (link.to.member != m || link.to.variable->kind() != Kind::kReal || !is_initialised_) continue;
-      for (std::size_t i = 0; i < link.to.count; ++i) {
-        const Variable& v = *link.to.variable;
-        const std::string name = v.size() == 1 ? v.name : v.name + "[" + std::to_string(link.to.first + i + 1) + "]";
-        inputs.values.push_back({name, link.to.reals()[i], v.si, ""});
-      }
+      if (link.to.member == m && is_initialised_) append(inputs, *link.to.variable, link.to.first, link.to.count);
     }
     return inputs;
   }

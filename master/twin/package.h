@@ -22,7 +22,7 @@ struct PackageOptions {
 /// Writes a scenario as a self-contained SSP 1.0 package (.ssp): SystemStructure.ssd, and in resources/ an FMU for each
 /// component (units are packed, FMUs are copied). The scenario's start values are in the system structure. Nested systems are
 /// flattened; the Cotwin annotation is kept. Strings that the scenario gives a unit, also file names, become start values inside its
-/// FMU, and so do the values that connected real inputs have after the initialisation, for hosts that exchange none before the first
+/// FMU, and so do the values that connected inputs have after the initialisation, for hosts that exchange none before the first
 /// step. Run by this master, the package gives the same bits as the scenario. Returns the warnings of the units, and one where the
 /// scenario cannot be initialised here. Throws Error as loading and wiring do, and for a foreign FMU that is not an archive.
 std::vector<std::string> pack_scenario(const Scenario& scenario, const PackageOptions& options,

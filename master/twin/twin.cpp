@@ -44,6 +44,11 @@ class InitialInputs {
       : declared_(declared) {
     for (const ResolvedConnection& link : links)
       sources_[link.to.variable].insert({&members[link.from.member], link.from.variable});
+    for (const Member& member : members) {
+      for (const Variable& v : member.variables()) {
+        if (v.role == Role::kInput || sources_.contains(&v)) knowns_[&member].push_back(&v);
+      }
+    }
   }
 
   /// The names of the twin's inputs that the output depends on.
@@ -53,11 +58,13 @@ class InitialInputs {
     for (std::vector<Output> open(seen.begin(), seen.end()); !open.empty();) {
       const auto [of, unknown] = open.back();
       open.pop_back();
-      for (const Variable& known : of->variables()) {
-        if (!depends(*unknown, known)) continue;
-        const Declared& declared = declared_.at(&known);
+      const auto knowns = knowns_.find(of);
+      if (knowns == knowns_.end()) continue;
+      for (const Variable* known : knowns->second) {
+        if (!depends(*unknown, *known)) continue;
+        const Declared& declared = declared_.at(known);
         if (declared.role == Role::kInput) inputs.insert(declared.name);
-        const auto found = sources_.find(&known);
+        const auto found = sources_.find(known);
         if (found == sources_.end()) continue;
         for (const Output& source : found->second) {
           if (seen.insert(source).second) open.push_back(source);
@@ -71,12 +78,13 @@ class InitialInputs {
   using Output = std::pair<const Member*, const Variable*>;
 
   static bool depends(const Variable& unknown, const Variable& known) {
-    if (known.role != Role::kInput) return known.role == Role::kParameter || known.role == Role::kTunable;
+    if (known.role != Role::kInput) return true;  // a parameter that is connected
     return !unknown.initial_inputs || std::ranges::find(*unknown.initial_inputs, known.name) != unknown.initial_inputs->end();
   }
 
   const AllDeclared& declared_;
   std::map<const Variable*, std::set<Output>> sources_;
+  std::map<const Member*, std::vector<const Variable*>> knowns_;  // inputs, and what is connected
 };
 
 }  // namespace
