@@ -5,6 +5,8 @@
 #include <iterator>
 #include <map>
 
+#include "components/bus/live_run.h"
+#include "fmu/process/process.h"
 #include "models/foundation/support/choice.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
@@ -246,6 +248,16 @@ void check_settings(const Scenario& scenario, std::span<Member> members, const s
     }
     sealed->instance.warnings.push_back(setting + " does not reach an FMU");
   }
+}
+
+fmu::ProcessChoice trial_process(const ComponentSpec& spec) {
+  const bool own = !is_unit(spec) && spec.process == fmu::ProcessChoice::kAuto && !fmu::host_program().empty();
+  return own ? fmu::ProcessChoice::kOwn : spec.process;
+}
+
+bool reaches_outside(const Member& member) {
+  const Unit& unit = *member.instance.unit;
+  return is_unit(member.spec) && (!unit.restorable() || dynamic_cast<const bus::RunObserver*>(&unit) != nullptr);
 }
 
 std::vector<Member> load_members(const Scenario& scenario, std::span<const UnitType> types,

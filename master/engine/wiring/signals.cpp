@@ -3,10 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "components/bus/live_run.h"
 #include "components/unit/settings.h"
 #include "fmu/export/package.h"
-#include "fmu/process/process.h"
 #include "master/engine/wiring/members.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/file.h"
@@ -50,16 +48,6 @@ std::vector<std::shared_ptr<const robot::RobotModel>> robots_of_fmu(const std::f
 }
 
 bool is_unit(const ComponentSpec& spec) { return spec.source.rfind("unit:", 0) == 0; }
-
-fmu::ProcessChoice trial_process(const ComponentSpec& spec) {
-  const bool own = !is_unit(spec) && spec.process == fmu::ProcessChoice::kAuto && !fmu::host_program().empty();
-  return own ? fmu::ProcessChoice::kOwn : spec.process;
-}
-
-bool reaches_outside(const Member& member) {
-  const Unit& unit = *member.instance.unit;
-  return is_unit(member.spec) && (!unit.restorable() || dynamic_cast<const bus::RunObserver*>(&unit) != nullptr);
-}
 
 std::string with_article(Role role) {
   const bool vowel = role == Role::kInput || role == Role::kOutput;
