@@ -151,7 +151,9 @@ TEST_P(UnitProperties, StartsOutputsFromTheInputsThatItDeclares) {
       for (const Variable& v : instance.variables) {
         if (v.role != Role::kOutput || !v.initial_inputs) continue;
         const bool declared = std::ranges::find(*v.initial_inputs, input.name) != v.initial_inputs->end();
-        if (!declared) EXPECT_EQ(text_of(v), before[v.name]) << v.name << " depends on " << input.name;
+        if (!declared) {
+          EXPECT_EQ(text_of(v), before[v.name]) << v.name << " depends on " << input.name;
+        }
       }
     }
   }
