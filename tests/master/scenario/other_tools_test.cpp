@@ -1,5 +1,5 @@
-// What other tools require of a package (docs/interoperability.md), each on the written files. "tried": the tool ran the package; "from its
-// source": read there.
+// What other tools require of a package (docs/interoperability.md), each on the written files. "tried": the tool ran the package;
+// "reported": neither tried nor read here.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -105,7 +105,7 @@ TEST_P(Package, HasTheStepOfLibcosimInTheDefaultExperiment) {
       << "on the root element";
 }
 
-// openMCx: from its source, it ignores files with values and stops at parameters without a value. FMPy (e8b71b7, July 2026): tried, it connects
+// openMCx: reported, it ignores files with values and stops at parameters without a value. FMPy (e8b71b7, July 2026): tried, it connects
 // inputs without a connection to a wrong source, and stops at connectors of type String.
 TEST_P(Package, HasValuesInTheDescriptionAndConnectorsThatAreUsed) {
   for (const auto& entry : fs::recursive_directory_iterator(packed().unpacked->path()))
