@@ -170,19 +170,23 @@ constexpr std::size_t kLongestList = 2000;  // of dependencies; a host assumes a
 /// Adds the inputs and parameters on which an output depends in the initialisation.
 void add_initial_dependencies(ModelDescription& d, const Variables& variables,
                               const std::map<std::string, std::size_t, std::less<>>& first_of) {
-  const auto elements = [&](const Variable& v) { return d.version == Version::k2 ? v.size() : 1; };
-  std::vector<Unknown>& unknowns = d.structure.initial_unknowns;  // in the order of the variables
+  const auto append = [&](std::vector<std::size_t>& knowns, const Variable& v) {
+    const std::size_t elements = d.version == Version::k2 ? v.size() : 1;
+    for (std::size_t i = 0; i < elements; ++i) knowns.push_back(first_of.at(v.name) + i);
+  };
+  std::vector<std::size_t> parameters;
+  for (const Variable& v : variables) {
+    if (v.role == Role::kParameter || v.role == Role::kTunable) append(parameters, v);
+  }
+  if (parameters.size() > kLongestList) return;
   for (const Variable& output : variables) {
     if (!output.initial_inputs) continue;
-    std::vector<std::size_t> knowns;
-    for (const Variable& v : variables) {
-      const bool is_input = std::ranges::find(*output.initial_inputs, v.name) != output.initial_inputs->end();
-      if (!is_input && v.role != Role::kParameter && v.role != Role::kTunable) continue;
-      for (std::size_t i = 0; i < elements(v); ++i) knowns.push_back(first_of.at(v.name) + i);
-    }
-    if (knowns.size() > kLongestList) continue;
-    auto unknown = std::ranges::lower_bound(unknowns, first_of.at(output.name), {}, &Unknown::variable);
-    for (std::size_t i = 0; i < elements(output); ++i) (unknown++)->dependencies = knowns;
+    std::vector<std::size_t> knowns = parameters, unknowns;
+    for (const std::string& input : *output.initial_inputs) append(knowns, variables.at(input));
+    std::ranges::sort(knowns);
+    append(unknowns, output);
+    auto unknown = std::ranges::lower_bound(d.structure.initial_unknowns, unknowns.front(), {}, &Unknown::variable);
+    for (std::size_t i = 0; i < unknowns.size(); ++i) (unknown++)->dependencies = knowns;
   }
 }
 

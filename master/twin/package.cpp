@@ -86,8 +86,13 @@ class ScenarioPacker {
     const std::vector<ResolvedConnection> links = resolve_connections(scenario_, members_);
     (void)choose_columns(scenario_, members_);  // reports errors of the recording now, not to the user of the package
     std::vector<ParameterSet> values;
-    for (const Member& member : members_)
+    for (const Member& member : members_) {
+      if (member.spec.period > 1)
+        warnings_.push_back(member.name() + ": of other tools only libcosim keeps its period of " +
+                            std::to_string(member.spec.period) +
+                            " ticks, and OMSimulator refuses the package; within one FMU (--as-fmu) all tools keep it");
       values.push_back(is_unit(member.spec) ? values_of_unit(member) : values_of_foreign(member, scenario_));
+    }
     initialise();
     std::vector<PackedComponent> components;
     for (std::size_t m = 0; m < members_.size(); ++m) components.push_back(add(m, links, values[m]));

@@ -183,7 +183,7 @@ class Writer {
     Tag(out_, 6, "oms:FixedStepMaster")
         .with("description", "oms-ma")
         .with("stepSize", scenario_.tick.seconds())
-        .with("relativeTolerance", 1e-4)
+        .with("relativeTolerance", 1e-4)  // its default; without the attribute it is 0
         .end();
     close(out_, 5, "oms:SimulationInformation");
     close(out_, 4, "oms:Annotations");

@@ -183,6 +183,20 @@ TEST_P(Example02, TheDriveStartsFromItsLoadAlone) {
 
 INSTANTIATE_TEST_SUITE_P(Examples, Example02, ::testing::Values("02_free_motion_lwr4/twin.ssd"));
 
+// libcosim (52cc825): tried. OMSimulator (6287cf42): tried, it refuses a component with an annotation.
+TEST(Period, IsKeptForLibcosimAndWarnedAbout) {
+  const fmu::TemporaryFolder folder;
+  Scenario scenario = load_scenario(kExamples / "02_free_motion_lwr4/twin.ssd");
+  scenario.components[1].period = 4;
+  const auto warnings = pack_scenario(scenario, options_for(scenario, fmu::Version::k2), folder.path() / "x.ssp");
+  EXPECT_THAT(warnings,
+              ElementsAre(::testing::HasSubstr("compliance: of other tools only libcosim keeps its period of 4 ticks")));
+  const xml::Element ssd = xml::parse(fmu::read_archive_file(folder.path() / "x.ssp", "SystemStructure.ssd"), "ssd");
+  const auto hints = all(ssd, "StepSizeHint");
+  ASSERT_EQ(hints.size(), 1U);
+  EXPECT_EQ(xml::real(*hints[0], "value"), 0.004);
+}
+
 // libcosim (52cc825): tried. It keeps unpacked FMUs by their token, in ~/.cache/cosim, also those of an older Cotwin.
 TEST(Token, IsAnotherOneForAnotherLibrary) {
   const fmu::TemporaryFolder folder;
