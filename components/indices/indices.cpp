@@ -69,7 +69,7 @@ Indices::Indices(Settings& settings, const robot::RobotModel& robot, bool floati
       dynamic_(static_cast<int>(q_all_.size())) {
   if (robot.n() == 0) throw Error(place_, "robot '" + robot.name + "' has no movable joint, expected at least one");
   if (floating) {
-    const std::string why = !robot.mimics.empty() ? "it has mimic joints" : robot.base.inertia.unphysical();
+    const std::string why = robot.base.inertia.unphysical();
     if (!why.empty()) throw Error(place_, "base=floating: the base of robot '" + robot.name + "' cannot float: " + why);
     floating_ = std::make_unique<Floating>(robot);
   }

@@ -6,6 +6,7 @@
 #include <optional>
 #include <span>
 
+#include "components/services/extremes.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
 
@@ -65,29 +66,11 @@ class Along {
     return s;
   }
 
-  /// The place where value(sample) is largest: on a grid that does not depend on the samples of the series, then by golden section.
+  /// On a grid that does not depend on the samples of the series.
   template <class Value>
   Sample largest(const std::vector<Sample>& grid, Value value) {
-    std::size_t k = 0;
-    for (std::size_t i = 1; i < grid.size(); ++i)
-      if (value(grid[i]) > value(grid[k])) k = i;
-    Sample best = grid[k];
-    if (k == 0 || k + 1 == grid.size() || !std::isfinite(value(best))) return best;
-    constexpr double kGolden = 0.6180339887498949;
-    double a = grid[k - 1].t, b = grid[k + 1].t;
-    Sample x = at(b - kGolden * (b - a)), y = at(a + kGolden * (b - a));
-    for (int i = 0; i < 40; ++i) {
-      if (value(x) > value(y)) {
-        b = y.t, y = x;
-        x = at(b - kGolden * (b - a));
-      } else {
-        a = x.t, x = y;
-        y = at(a + kGolden * (b - a));
-      }
-      for (const Sample& s : {x, y})
-        if (value(s) > value(best)) best = s;
-    }
-    return best;
+    return services::largest(
+        grid, [this](double t) { return at(t); }, value);
   }
 
   std::vector<Sample> grid() {

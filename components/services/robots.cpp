@@ -42,6 +42,7 @@ Robot load_robot(const fs::path& urdf, const std::string& name, const std::map<s
   options.locked = locked;
   r.model = robot::load_urdf(urdf, options, &r.notes);
   const robot::RobotModel whole = locked.empty() ? r.model : robot::load_urdf(urdf);
+  r.base = whole.base.inertia;
   r.file_joints = whole.joints.size();
   const fs::path drives = urdf.parent_path() / kDrivesFile, energy = urdf.parent_path() / kEnergyFile;
   if (is_file(drives)) r.drives = load_drives(drives, whole);

@@ -34,6 +34,7 @@ struct Robot {
   std::string name;
   std::filesystem::path urdf;  // empty: the model is not from a file
   robot::RobotModel model;
+  Inertia base;                    // of the model's base without what locked joints add
   std::vector<std::string> notes;  // what the URDF reader warned of
   /// The joints of the model among the `file_joints` joints of the file, from 0; not set for a model that is not from a file.
   std::vector<std::size_t> joints_kept;

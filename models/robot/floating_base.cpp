@@ -15,9 +15,6 @@ constexpr int kBaseJoints = 6;
 RobotModel with_base_joints(const RobotModel& robot) {
   const std::string why = robot.base.inertia.unphysical();
   if (!why.empty()) throw Error("robot " + robot.name, "base '" + robot.base.name + "' cannot float: " + why);
-  if (!robot.mimics.empty())
-    throw Error("robot " + robot.name,
-                "has mimic joints, which a floating base does not support, expected none (or locked ones)");
   RobotModel moved;
   moved.name = robot.name;
   moved.gravity.setZero();
@@ -34,6 +31,12 @@ RobotModel with_base_joints(const RobotModel& robot) {
   for (Joint joint : robot.joints) {
     joint.parent += kBaseJoints;
     moved.joints.push_back(joint);
+  }
+  for (Mimic mimic : robot.mimics) {
+    mimic.joint.parent += kBaseJoints;
+    mimic.leader += kBaseJoints;
+    mimic.place += kBaseJoints;
+    moved.mimics.push_back(mimic);
   }
   moved.bodies.insert(moved.bodies.end(), robot.bodies.begin(), robot.bodies.end());
   return moved;

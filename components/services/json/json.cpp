@@ -2,11 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include "components/services/json/answers.h"
 #include "components/services/json/move_json.h"
 #include "components/services/json/schemas.h"
 #include "models/foundation/support/text.h"
+#include "models/trajectory/series/recording.h"
 
 namespace cotwin::services {
 
@@ -26,6 +28,7 @@ constexpr Service kServices[] = {
     {"effective_mass", "Mass that a frame shows along the move. null: it cannot move in that direction.",
      answer_effective_mass},
     {"safety", "Speeds of a frame against limits of body parts (ISO/TS 15066). Not a proof of safety.", answer_safety},
+    {"reaction", "What a motion does to the free base of a robot: its turn, rate and displacement (V-C).", answer_reaction},
     {"throughput", "Time of a cycle and moves per hour when a compliance M x'' + D x' + S x must settle after the move.",
      answer_throughput},
     {"optimise", "The better motion: redundant coefficients and duration of least cost within the bounds.", answer_optimise},
@@ -137,6 +140,19 @@ void check_object(Robots& robots, const Json& object) {
 std::string posture_member(Robots& robots, const Json& request, const std::string& plain) {
   Reader r(request);
   return JointUnits(robot_of(robots, r)->model).name(plain, 0);
+}
+
+Json series_member(Robots& robots, const Json& request, const std::filesystem::path& file, bool degrees) {
+  Reader r(request);
+  const std::shared_ptr<const Robot> robot = robot_of(robots, r);
+  trajectory::RecordingFormat format;
+  format.dq_columns = format.tau_columns = format.tau_e_columns = "none";
+  if (degrees) format.angle_unit = std::numbers::pi / 180;
+  const trajectory::Series q = trajectory::load_recording(file, trajectory::axes_of(robot->model), format).q;
+  Json rows = Json::array();
+  for (auto row = q.x.begin(); row != q.x.end(); row += static_cast<std::ptrdiff_t>(q.width))
+    rows.push_back(std::vector<double>(row, row + static_cast<std::ptrdiff_t>(q.width)));
+  return {{"t_s", q.t}, {JointUnits(robot->model).name("q", 0), rows}};
 }
 
 std::string problem(const std::exception& error) {

@@ -1,4 +1,5 @@
 #pragma once
+#include <filesystem>
 #include <functional>
 #include <iosfwd>
 #include <nlohmann/json_fwd.hpp>
@@ -56,6 +57,11 @@ void check_object(Robots& robots, const nlohmann::ordered_json& request);
 /// The member of a request to `robots` that has this vector of joint positions: "from_q_rad", or "from_q" for a robot with prismatic
 /// joints. Throws Error.
 std::string posture_member(Robots& robots, const nlohmann::ordered_json& request, const std::string& plain);
+
+/// A recording (CSV, models/trajectory/series/recording.h) as the member "series" of the request {"t_s", "q_rad"}. `degrees`: of revolute
+/// joints. Throws Error.
+nlohmann::ordered_json series_member(Robots& robots, const nlohmann::ordered_json& request, const std::filesystem::path& file,
+                                     bool degrees);
 
 /// Throws RequestError for text that is not JSON, is nested deeper than 32, or has a member twice.
 nlohmann::ordered_json parse_json(std::string_view text);

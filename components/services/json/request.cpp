@@ -71,6 +71,10 @@ void Reader::declare_one_of(std::initializer_list<const char*> names) {
   if (describes()) schema_->one_of(names);
 }
 
+void Reader::or_instead(const char* name) {
+  if (describes()) schema_->instead = name;
+}
+
 double Reader::number(const char* name, std::optional<double> other, const char* what) {
   if (describes()) declare(name, schemas::kNumber, !other, what);
   if (const Json* value = find(name, describes() || other.has_value())) return finite(*value, pointer(name));

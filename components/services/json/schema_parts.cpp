@@ -57,6 +57,15 @@ Json motion() {
 }
 Json extreme() { return Object().must("power_W", kNumber).must("t_s", kNumber); }
 
+Json base_at() {
+  return Object()
+      .must("t_s", kNumber)
+      .must("turn_rad", described(kNumber, "angle of the rotation from the attitude at the start, 0 to pi"))
+      .must("quaternion_wxyz", kNumbers)
+      .must("rate_rad_per_s", kNumbers)
+      .must("displacement_m", described(kNumbers, "of the base's origin; all vectors in the axes of the base at the start"));
+}
+
 Json place() { return Object().must("mass_kg", kNumberOrNull).must("speed_m_per_s", kNumber).must("t_s", kNumber); }
 Json masses() {
   return Object()

@@ -35,6 +35,7 @@ inline const Json kNumbersOrNull{{"type", "array"}, {"items", kNumberOrNull}};
 /// A strict object: `required` names come first in `members`, further ones are optional.
 struct Object {
   Json members = Json::object(), required = Json::array(), patterns = Json::object(), choices = Json::array();
+  const char* instead = nullptr;  // a further member of each one_of()
   Object& must(const char* name, Json type) {
     members[name] = std::move(type);
     required.push_back(name);
@@ -48,6 +49,7 @@ struct Object {
   Object& one_of(std::initializer_list<const char*> names) {
     Json any = Json::array();
     for (const char* name : names) any.push_back({{"required", {name}}});
+    if (instead) any.push_back({{"required", {instead}}});
     choices.push_back({{"anyOf", any}});
     return *this;
   }
@@ -79,6 +81,7 @@ Json limiting();
 Json series();
 Json motion();
 Json extreme();
+Json base_at();
 Json place();
 Json masses();
 Json verified();

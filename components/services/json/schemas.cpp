@@ -139,6 +139,27 @@ const std::pair<const char*, Json (*)()> kReplies[] = {
            .may("fastest", place())
            .may("series", masses());
      }},
+    {"reaction",
+     []() -> Json {
+       const Json vector = kNumbers, vectors = array_of(kNumbers);
+       return Object()
+           .must("T_s", kNumber)
+           .may("feasible", described(kBoolean, "of a move: within the bounds, torques on the free base"))
+           .may("reason", kText)
+           .may("limiting", limiting())
+           .may("joints", peaks())
+           .must("mass_kg", described(kNumber, "of the whole robot"))
+           .must("momentum", Object().must("linear_Ns", vector).must("angular_Nms", vector))
+           .must("end", base_at())
+           .must("worst", Object().must("turn", base_at()).must("rate", base_at()).must("displacement", base_at()))
+           .may("drift", described(base_at(), "with momentum: at the end if the joints stood still in the first posture"))
+           .may("series", Object()
+                              .must("t_s", vector)
+                              .must("turn_rad", vector)
+                              .must("quaternion_wxyz", vectors)
+                              .must("rate_rad_per_s", vectors)
+                              .must("displacement_m", vectors));
+     }},
     {"throughput",
      []() -> Json {
        return Object()

@@ -32,7 +32,7 @@ struct AskArguments {
   std::string angle_unit = "rad";
   std::optional<double> T;
   std::vector<fs::path> files, robots;
-  std::optional<fs::path> motion, particles;
+  std::optional<fs::path> motion, particles, series;
   int threads = 0;
   bool worker = false, robot_given = false;
 };
@@ -88,9 +88,15 @@ Json request_of(const AskArguments& a, services::Robots& robots) {
   if (a.robot_given) refuse_twice("--robot", {"robot"});
   const std::tuple<const char*, const char*, const std::vector<double>&> postures[] = {{"--from", "from_q", a.from},
                                                                                        {"--to", "to_q", a.to}};
-  if (a.angle_unit == "deg" && a.from.empty() && a.to.empty())
+  if (a.angle_unit == "deg" && a.from.empty() && a.to.empty() && !a.series)
     throw Error("--angle-unit deg",
-                "is given without --from and --to, expected one of them; members of --with have names with _deg");
+                "is given without --from, --to and --series, expected one of them; members of --with have names with _deg");
+  if (a.series) {
+    if (a.service != "reaction")
+      throw Error("--series", "is given for the service " + a.service + ", expected it with reaction");
+    refuse_twice("--series", {"series"});
+    request["series"] = services::series_member(robots, request, *a.series, a.angle_unit == "deg");
+  }
   for (const auto& [option, plain, q] : postures) {
     const std::string name = plain;
     const std::vector<std::string> members{name + "_rad", name + "_deg", name};
@@ -101,7 +107,8 @@ Json request_of(const AskArguments& a, services::Robots& robots) {
         throw Error("--angle-unit deg", "is given for a robot with prismatic joints, expected postures in rad and m");
       if (a.angle_unit == "deg") member = name + "_deg";
       request[member] = q;
-    } else if (std::ranges::none_of(members, [&](const std::string& member) { return request.contains(member); })) {
+    } else if (!request.contains("series") &&
+               std::ranges::none_of(members, [&](const std::string& member) { return request.contains(member); })) {
       throw Error(option,
                   "is missing, expected a posture, or " + services::posture_member(robots, request, name) + " in --with");
     }
@@ -185,13 +192,21 @@ int ask_files(const AskArguments& a, services::Robots& robots, const services::C
 
 /// Refuses options that would have no effect beside `chosen`.
 void refuse_others(const AskArguments& a, const std::string& chosen, const std::vector<std::string>& allowed) {
-  const std::pair<const char*, bool> given[] = {{"SERVICE", !a.service.empty()}, {"--from", !a.from.empty()},
-                                                {"--to", !a.to.empty()},         {"--duration", a.T.has_value()},
-                                                {"--with", !a.more.empty()},     {"--detail", !a.detail.empty()},
-                                                {"--motion", !!a.motion},        {"--particles", !!a.particles},
-                                                {"--file", !a.files.empty()},    {"--angle-unit", a.angle_unit != "rad"},
-                                                {"--table", !a.table.empty()},   {"--schema", !a.schema.empty()},
-                                                {"--robots", !a.robots.empty()}, {"--threads", a.threads != 0},
+  const std::pair<const char*, bool> given[] = {{"SERVICE", !a.service.empty()},
+                                                {"--from", !a.from.empty()},
+                                                {"--to", !a.to.empty()},
+                                                {"--duration", a.T.has_value()},
+                                                {"--with", !a.more.empty()},
+                                                {"--detail", !a.detail.empty()},
+                                                {"--motion", !!a.motion},
+                                                {"--particles", !!a.particles},
+                                                {"--series", !!a.series},
+                                                {"--file", !a.files.empty()},
+                                                {"--angle-unit", a.angle_unit != "rad"},
+                                                {"--table", !a.table.empty()},
+                                                {"--schema", !a.schema.empty()},
+                                                {"--robots", !a.robots.empty()},
+                                                {"--threads", a.threads != 0},
                                                 {"--worker", a.worker}};
   for (const auto& [name, is_given] : given)
     if (is_given && name != chosen && std::ranges::find(allowed, name) == allowed.end())
@@ -209,8 +224,8 @@ int ask(const AskArguments& a) {
     refuse_others(a, "--file", {"--detail", "--table", "--robots", "--threads"});
   else
     refuse_others(a, "SERVICE",
-                  {"--from", "--to", "--angle-unit", "--duration", "--with", "--detail", "--motion", "--particles", "--robots",
-                   "--threads"});
+                  {"--from", "--to", "--angle-unit", "--duration", "--with", "--detail", "--motion", "--particles", "--series",
+                   "--robots", "--threads"});
   if (!a.schema.empty()) {
     const std::vector<std::string> names = services::service_names();
     if (std::ranges::find(names, a.schema) == names.end())
@@ -244,7 +259,9 @@ void add_ask(CLI::App& app, Chosen& chosen) {
       ->type_name("URDF");
   command->add_option("--from", a.from, "Posture at the start, rad (m), separated by commas")->delimiter(',')->type_name("Q");
   command->add_option("--to", a.to, "Posture at the end, rad (m), separated by commas")->delimiter(',')->type_name("Q");
-  command->add_option("--angle-unit", a.angle_unit, "Of --from and --to: rad or deg")
+  command->add_option("--series", a.series, "Motion in place of --from and --to: CSV with times and joint positions")
+      ->type_name("FILE");
+  command->add_option("--angle-unit", a.angle_unit, "Of --from, --to and --series: rad or deg")
       ->check(CLI::IsMember({"rad", "deg"}))
       ->type_name("WORD")
       ->capture_default_str();

@@ -48,7 +48,8 @@ json lwr_move(const std::string& service) {
 /// A disc that turns, or a fork that is lifted: "revolute" or "prismatic", with the axis z. `limit`: attributes of <limit>.
 void write_robot(const std::filesystem::path& file, const std::string& type, const std::string& limit,
                  const std::string& axis = "0 0 1") {
-  std::ofstream(file) << R"(<robot name="one"><link name="base"/><link name="part"><inertial><mass value="2"/>
+  std::ofstream(file) << R"(<robot name="one"><link name="base"><inertial><mass value="3"/>
+    <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link><link name="part"><inertial><mass value="2"/>
     <inertia ixx="0.5" iyy="0.5" izz="0.8" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="axis" type=")"
                       << type << R"("><parent link="base"/><child link="part"/><axis xyz=")" << axis << R"("/><limit )" << limit
                       << "/></joint></robot>";

@@ -90,6 +90,7 @@ json lwr_move(const std::string& service) {
          {"robot", "lwr4"},
          {"from_q_rad", {0, 0.5, 0, -1, 0, 0.6, 0}},
          {"to_q_rad", {1.2, -0.2, 0.4, 0.7, -0.5, -0.3, 0.8}}};
+  if (service == "reaction") r["momentum"] = {{"angular_Nms", {0, 0, 0.1}}};
   if (service == "throughput") r.update({{"M_kg", 1}, {"S_N_per_m", {500, 1500}}, {"zeta", 1}});
   if (service == "optimise") r.update({{"T_min_s", 2}, {"degree", 7}, {"particles", 8}, {"rounds", 4}});
   return r;

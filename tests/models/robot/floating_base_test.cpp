@@ -337,6 +337,40 @@ TEST(FloatingBase, AFreeFlightKeepsMomentumAndEnergy) {
   }
 }
 
+// With q_all = G q + g_0 of a robot whose mimics are free joints, speeds and torques are those of G.
+TEST(FloatingBase, MimicJointsFollowTheirLeaders) {
+  Draw draw(10);
+  for (int i = 0; i < 40; ++i) {
+    MimicPair pair = random_pair(draw, draw.integer(2, 9));
+    pair.robot.base.inertia = pair.all.base.inertia = draw.inertia();
+    for (RobotModel* robot : {&pair.robot, &pair.all})
+      robot->base.inertia.I_CC = Matrix3d(robot->base.inertia.I_CC.selfadjointView<Eigen::Upper>());
+    const FloatingMechanism mechanism(pair.robot), whole(pair.all);
+    FloatingData data(mechanism), data_all(whole);
+    const int n = pair.robot.n();
+    FloatingInertia some(n), all(pair.all.n());
+    const VectorXd q = draw.numbers(n, -2, 2), dq = draw.numbers(n, -2, 2), ddq = draw.numbers(n, -2, 2);
+    const VectorXd q_all = pair.G * q + pair.g_0;
+    floating_inertia(mechanism, data, q, some);
+    floating_inertia(whole, data_all, q_all, all);
+    EXPECT_LT(relative(some.I_c, all.I_c), kRounding);
+    EXPECT_LT(relative(some.A, all.A * pair.G), kRounding);
+    EXPECT_LT(relative(some.M_star, pair.G.transpose() * all.M_star * pair.G), kRounding);
+    const int body = draw.integer(0, pair.robot.body_count() - 1);
+    MatrixXd J(6, n), J_all(6, pair.all.n());
+    const FrameOnBody frame{body, draw.pose(0.3)}, same{pair.free[static_cast<std::size_t>(body)], frame.X_BF};
+    const Pose X = generalised_jacobian(mechanism, data, some, q, frame, J);
+    EXPECT_LT((X.p - generalised_jacobian(whole, data_all, all, q_all, same, J_all).p).norm(), kRounding);
+    EXPECT_LT(relative(J, J_all * pair.G), kRounding);
+    VectorXd tau(n), tau_all(pair.all.n());
+    const Vector3d spin = draw.numbers(3, -1, 1);
+    reduced_inverse_dynamics(mechanism, data, some, q, dq, ddq, spin, Wrench::Zero(), tau);
+    reduced_inverse_dynamics(whole, data_all, all, q_all, pair.G * dq, pair.G * ddq, spin, Wrench::Zero(), tau_all);
+    EXPECT_LT(relative(tau, pair.G.transpose() * tau_all), kRounding);
+    if (::testing::Test::HasFailure()) return;
+  }
+}
+
 TEST(FloatingBase, NothingAllocates) {
   Draw draw(9);
   Case c(draw, floating_robot(draw, Kind::kTree, 9), nullptr);
