@@ -128,6 +128,14 @@ void Indices::declare(Variables& v) {
   if (floating_) {
     v.input("base_v", base_v_, "m/s", "velocity of the floating base's origin in W");
     v.input("base_w", base_w_, "rad/s", "angular velocity of the floating base in W");
+    v.output("Z", floating_->Z, "1",
+             "angular velocity of the base per joint speed without momentum (V-C), in the base's axes, 3 x n by rows; columns "
+             "of prismatic joints in rad/m");
+    v.output("sigma_Z", floating_->sigma_Z, "1",
+             "singular values of Z, largest first; 0: there is an axis about which no joint motion turns the base");
+    v.output(
+        "sigma_min", floating_->sigma_min, "1",
+        "least singular value of the generalised Jacobian J*, m per rad (m), rotations times 0.3 m; 0: dynamically singular");
   }
   if (names_.empty()) return;
   v.output("reduced_mass", mu_, "kg", "of effective_mass and the mass of each body part of the setting parts");
@@ -287,6 +295,7 @@ void Indices::compute() {
     robot::floating_inertia(floating_->mechanism, floating_->data, q_all_.tail(n), floating_->inertia);
     robot::generalised_jacobian(floating_->mechanism, floating_->data, floating_->inertia, q_all_.tail(n), frame_,
                                 floating_->without_momentum.J);
+    compute_reaction();
   }
   robot::kinematic_manipulability(floating_ ? floating_->without_momentum : f, kinematic_);
   kin_v_.write(kinematic_.translation, R_WB);
@@ -295,6 +304,20 @@ void Indices::compute() {
   dyn_v_.write(dynamic_.translation, R_WB);
   dyn_w_.write(dynamic_.rotation, R_WB);
   compute_body_parts(mass, std::abs(speed_));
+}
+
+void Indices::compute_reaction() {
+  constexpr double kLength = 0.3;  // m: a rotation by 1 rad counts as much as this distance
+  Floating& f = *floating_;
+  const Eigen::Index n = f.inertia.F.cols();
+  Eigen::Map<Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::RowMajor>>(f.Z.data(), 3, n) = f.inertia.Z();
+  f.rows.leftCols<3>() = f.inertia.Z().transpose();
+  robot::singular_values(f.rows.leftCols<3>(), Eigen::Map<Eigen::VectorXd>(f.sigma_Z.data(), 3));
+  Eigen::Matrix<double, 6, 1> sigma;
+  f.rows = f.without_momentum.J.transpose();
+  f.rows.rightCols<3>() *= kLength;
+  robot::singular_values(f.rows, sigma);
+  f.sigma_min = sigma[std::min<Eigen::Index>(n, 6) - 1];
 }
 
 void Indices::compute_body_parts(double mass, double speed) {

@@ -20,7 +20,8 @@ namespace cotwin::indices {
 /// functions of the inputs at the step's end; nothing acts on the robot.
 ///
 /// base=floating: M and J are those of the robot with its base, which recoils (robot::FloatingMechanism); kinematic ellipsoids
-/// are those of the generalised Jacobian.
+/// are those of the generalised Jacobian. Z and the singular values of Z and J* tell how the joints turn the base, and where they
+/// cannot move the frame (V-C).
 ///
 /// Body parts: collision with the reduced mass μ = (1/m_u + 1/m_H)⁻¹ at the speed of E along u, v_max = F_max/√(μ k_H). The
 /// bodies of the robot and B may be changed during the run; the values in force follow smoothly.
@@ -50,11 +51,21 @@ class Indices final : public Unit {
   /// A robot whose base floats.
   struct Floating {
     explicit Floating(const robot::RobotModel& robot)
-        : mechanism(robot), data(mechanism), inertia(robot.n()), without_momentum(robot.n()) {}
+        : mechanism(robot),
+          data(mechanism),
+          inertia(robot.n()),
+          without_momentum(robot.n()),
+          rows(robot.n(), 6),
+          Z(3 * static_cast<std::size_t>(robot.n())) {}
     robot::FloatingMechanism mechanism;
     robot::FloatingData data;
     robot::FloatingInertia inertia;
     robot::FrameInertia without_momentum;  // of J* only
+    Eigen::MatrixXd rows;                  // scratch of singular values (n x 6)
+    // Outputs.
+    Joints Z;
+    std::array<double, 3> sigma_Z{};
+    double sigma_min = 0;
   };
 
   Indices(Settings& settings, const robot::RobotModel& robot, bool floating);
@@ -65,6 +76,7 @@ class Indices final : public Unit {
   void adopt_bodies();
   void update_motion(const Eigen::Matrix3d& R_WB);
   void compute();
+  void compute_reaction();
   void compute_body_parts(double mass, double speed);
   void write_warning();
   Eigen::Vector3d direction(const Eigen::Vector3d& v_E, const Eigen::Matrix3d& R_WB) const;

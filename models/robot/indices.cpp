@@ -133,33 +133,39 @@ void turn_jacobian(const Mechanism& mechanism, Data& data, const VectorIn& q, co
   }
 }
 
-/// Axes and lengths of {A x, ‖x‖ ≤ 1} from Aᵀ in `rows`: rotations of A's rows until they are at right angles (one-sided Jacobi
-/// method, Hestenes 1958), which leaves small lengths accurate. Eigen's JacobiSVD of a matrix with n rows allocates.
-void compute_axes(Manipulability& m, Ellipsoid& ellipsoid) {
-  Eigen::Matrix3d V = Eigen::Matrix3d::Identity();
+/// Rotations of the columns of `rows` until they are at right angles (one-sided Jacobi method, Hestenes 1958), which leaves small
+/// lengths accurate; turn(p, r, …) also turns what belongs to the columns p and r. Eigen's JacobiSVD of a matrix with n rows allocates.
+template <class Rows, class Turn>
+void make_orthogonal(Rows& rows, Turn turn) {
   bool turned = true;
   for (int sweep = 0; turned && sweep < kMostSweeps; ++sweep) {
     turned = false;
-    for (Eigen::Index p = 0; p < 2; ++p) {
-      for (Eigen::Index r = p + 1; r < 3; ++r) {
-        const double a = m.rows.col(p).squaredNorm(), b = m.rows.col(r).squaredNorm(), c = m.rows.col(p).dot(m.rows.col(r));
+    for (Eigen::Index p = 0; p + 1 < rows.cols(); ++p) {
+      for (Eigen::Index r = p + 1; r < rows.cols(); ++r) {
+        const double a = rows.col(p).squaredNorm(), b = rows.col(r).squaredNorm(), c = rows.col(p).dot(rows.col(r));
         if (!(std::abs(c) > kOrthogonal * std::sqrt(a * b))) continue;
         turned = true;
         const double zeta = (b - a) / (2 * c);
         const double t = std::copysign(1 / (std::abs(zeta) + std::hypot(1, zeta)), zeta);
         const double cosine = 1 / std::hypot(1, t), sine = cosine * t;
-        const auto turn = [&](auto x, auto y) {
+        const auto rotate = [&](auto x, auto y) {
           for (Eigen::Index i = 0; i < x.size(); ++i) {
             const double before = x[i];
             x[i] = cosine * before - sine * y[i];
             y[i] = sine * before + cosine * y[i];
           }
         };
-        turn(m.rows.col(p), m.rows.col(r));
-        turn(V.col(p), V.col(r));
+        rotate(rows.col(p), rows.col(r));
+        turn(rotate, p, r);
       }
     }
   }
+}
+
+/// Axes and lengths of {A x, ‖x‖ ≤ 1} from Aᵀ in `rows`.
+void compute_axes(Manipulability& m, Ellipsoid& ellipsoid) {
+  Eigen::Matrix3d V = Eigen::Matrix3d::Identity();
+  make_orthogonal(m.rows, [&](const auto& rotate, Eigen::Index p, Eigen::Index r) { rotate(V.col(p), V.col(r)); });
   const Eigen::Vector3d lengths = m.rows.colwise().norm();
   std::array<Eigen::Index, 3> order{0, 1, 2};
   std::sort(order.begin(), order.end(),
@@ -267,6 +273,13 @@ void dynamic_manipulability(const Mechanism& mechanism, Data& data, const Vector
   for (Eigen::Index i = 0; i < n; ++i) centre -= f.x[i] * f.J_over_M.col(i);
   m.translation.centre = centre.head<3>();
   m.rotation.centre = centre.tail<3>();
+}
+
+void singular_values(Eigen::Ref<Eigen::MatrixXd> rows, VectorOut values) {
+  assert(values.size() == rows.cols());
+  make_orthogonal(rows, [](const auto&, Eigen::Index, Eigen::Index) {});
+  values = rows.colwise().norm().transpose();
+  std::sort(values.data(), values.data() + values.size(), std::greater<>());
 }
 
 double reduced_mass(double m_u, double m_H) { return 1 / (1 / m_u + 1 / m_H); }

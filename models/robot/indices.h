@@ -84,6 +84,9 @@ void kinematic_manipulability(const FrameInertia&, Manipulability& manipulabilit
 void dynamic_manipulability(const Mechanism&, Data&, const VectorIn& q, const VectorIn& dq, const FrameOnBody& frame,
                             FrameInertia& inertia, const VectorIn& tau_max, Manipulability& manipulability);
 
+/// The singular values of A, descending, from Aᵀ in `rows`, which it changes. Small ones are accurate.
+void singular_values(Eigen::Ref<Eigen::MatrixXd> rows, VectorOut values);
+
 /// μ = (1/m_u + 1/m_H)⁻¹ of two bodies that collide, kg. Each may be infinite.
 double reduced_mass(double m_u, double m_H);
 /// Energy that goes into a collision at the relative speed v, ½ μ v², J.

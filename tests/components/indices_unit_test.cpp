@@ -9,6 +9,7 @@
 #include "components/indices/indices.h"
 #include "components/unit/unit_table.h"
 #include "models/foundation/support/error.h"
+#include "models/numerics/dense.h"
 #include "models/robot/body_parts.h"
 #include "models/robot/changes/attachment.h"
 #include "models/robot/indices.h"
@@ -167,6 +168,40 @@ TEST(IndicesUnit, FollowsAToolThatIsMounted) {
   EXPECT_LT(after_a_tick, before + 0.2 * (expected - before));  // without a jump
 }
 
+// One to three joints: fewer singular values than rows. A slide and mimic joints turn the base, too.
+TEST(IndicesUnit, KnowsTheReactionOfFewJoints) {
+  Subject satellite("parts=&base=floating&robot=" + places::source() + "/tests/components/data/satellite.urdf");
+  satellite.set("q", {0.4, 0});
+  satellite.initialise();
+  EXPECT_EQ(satellite["Z"].size(), 6U);
+  EXPECT_GT(satellite["sigma_Z"][1], 0.05);
+  EXPECT_EQ(satellite["sigma_Z"][2], 0);
+  EXPECT_GT(satellite.real("sigma_min"), 0.05);
+  // Locked in the shoulder, the elbow's axis is all that is left; its speed moves the tip.
+  Subject elbow("parts=&base=floating&lock=shoulder:0.4&robot=" + places::source() + "/tests/components/data/satellite.urdf");
+  elbow.set("q", {0});
+  elbow.initialise();
+  for (std::size_t row = 0; row < 3; ++row) EXPECT_NEAR(elbow["Z"][row], satellite["Z"][2 * row + 1], 1e-14);
+  EXPECT_NEAR(elbow["sigma_Z"][0], std::hypot(elbow["Z"][0], elbow["Z"][1], elbow["Z"][2]), 1e-14);
+  EXPECT_GT(elbow.real("sigma_min"), 0.1);
+  const TemporaryFolder folder("reaction");
+  folder.write("gripper.urdf", R"(<robot name="gripper"><link name="palm"><inertial><mass value="2"/>
+    <inertia ixx="0.02" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>
+    <link name="left"><inertial><mass value="0.3"/><inertia ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial></link>
+    <link name="right"><inertial><mass value="0.3"/><inertia ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial></link>
+    <joint name="slide" type="prismatic"><parent link="palm"/><child link="left"/><origin xyz="0 0.1 0.2"/><axis xyz="1 0 0"/>
+    <limit lower="0" upper="0.1" velocity="1" effort="10"/></joint>
+    <joint name="other" type="prismatic"><parent link="palm"/><child link="right"/><origin xyz="0 -0.1 0.2"/><axis xyz="1 0 0"/>
+    <limit lower="-0.1" upper="0.1" velocity="1" effort="10"/><mimic joint="slide" multiplier="-1"/></joint></robot>)");
+  Subject gripper("parts=&base=floating&robot=" + (folder.path() / "gripper.urdf").string());
+  gripper.set("q", {0});
+  gripper.initialise();
+  // Opposite slides at y = ±0.1 m have no momentum and turn the palm about z: −2 · 0.3 · 0.1 per m/s over I_zz of the whole.
+  const double I = 0.02 + 2 * 1e-3 + 2 * 0.3 * 0.01;
+  EXPECT_NEAR(gripper["Z"][0], 0, 1e-15);
+  EXPECT_NEAR(gripper["Z"][2], 2 * 0.3 * 0.1 / I, 1e-13);
+}
+
 // Against forward dynamics of the floating robot: the force acts on the joints by Jᵀ and on the base as a wrench.
 TEST(IndicesUnit, OfAFloatingRobotRecoilsAndMovesWithItsBase) {
   const robot::RobotModel robot = robot::load_urdf(models() + "/robots/lwr4/robot.urdf");
@@ -217,6 +252,14 @@ TEST(IndicesUnit, OfAFloatingRobotRecoilsAndMovesWithItsBase) {
   floating_inertia(floating, data, at, inertia);
   generalised_jacobian(floating, data, inertia, at, E, J);
   EXPECT_NEAR(s.real("kin_v"), std::sqrt((J.topRows(3) * J.topRows(3).transpose()).determinant()), 1e-10);
+
+  const auto Z = Eigen::Map<const Eigen::Matrix<double, 3, 7, Eigen::RowMajor>>(s["Z"].data());
+  EXPECT_EQ(Z, inertia.Z());
+  const Eigen::VectorXd sigma_Z = numerics::singular_values(Eigen::MatrixXd(Z));
+  J.bottomRows(3) *= 0.3;
+  const Eigen::VectorXd sigma = numerics::singular_values(J);
+  for (int i = 0; i < 3; ++i) EXPECT_NEAR(s["sigma_Z"][static_cast<std::size_t>(i)], sigma_Z[i], 1e-13);
+  EXPECT_NEAR(s.real("sigma_min"), sigma[5], 1e-13);
 
   // Heavier tool: bodies follow here, too.
   const double before = s.real("effective_mass");
