@@ -5,6 +5,7 @@
 #include "master/scenario/folders.h"
 #include "models/foundation/support/text.h"
 #include "models/robot/dynamics.h"
+#include "models/robot/floating_base.h"
 #include "models/robot/indices.h"
 #include "models/robot/urdf/urdf.h"
 
@@ -51,6 +52,25 @@ struct Robot::Impl {
         to.data() + s * static_cast<std::size_t>(rows * columns), rows, columns) = by_columns;
   }
 
+  /// A robot whose base floats.
+  struct Floating {
+    explicit Floating(const robot::RobotModel& robot) : mechanism(robot), data(mechanism), inertia(robot.n()) {}
+    robot::FloatingMechanism mechanism;
+    robot::FloatingData data;
+    robot::FloatingInertia inertia;
+  };
+  /// Writes `rows` x n of each state: compute(base, q, matrix), the inertia of the base at q.
+  template <class Compute>
+  void floating(std::span<const double> q, const char* name, std::span<double> to, Eigen::Index rows, Compute compute) {
+    const std::size_t count = states(q);
+    check(name, to.size(), count, static_cast<std::size_t>(rows * model.n()));
+    if (!base) base = std::make_unique<Floating>(model);
+    for (std::size_t s = 0; s < count; ++s) {
+      robot::floating_inertia(base->mechanism, base->data, state(q, s), base->inertia);
+      by_rows(to, s, rows, model.n(), [&](Eigen::MatrixXd& one) { compute(*base, state(q, s), one); });
+    }
+  }
+
   robot::FrameOnBody frame(const std::string& name) const {
     return robot::on_body(name.empty() ? model.end_effector() : model.frame(name));
   }
@@ -84,6 +104,7 @@ struct Robot::Impl {
   robot::Data data;
   Eigen::MatrixXd by_columns;  // of one state
   std::vector<double> lanes;   // arrays by joints of a block of states
+  std::unique_ptr<Floating> base;
 };
 
 namespace {
@@ -107,6 +128,15 @@ Matrix matrix_of(Eigen::Index rows, Eigen::Index columns, Compute compute) {
   m.values.resize(m.rows * m.columns);
   Eigen::Map<Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>(m.values.data(), rows, columns) =
       by_columns;
+  return m;
+}
+
+/// A matrix of `rows` that `compute` fills by rows.
+template <class Compute>
+Matrix one_state(const Eigen::Map<const Eigen::VectorXd>& q, std::size_t rows, Compute compute) {
+  Matrix m{rows, static_cast<std::size_t>(q.size()), {}};
+  m.values.resize(m.rows * m.columns);
+  compute(m.values);
   return m;
 }
 
@@ -185,6 +215,16 @@ Matrix Robot::jacobian(std::span<const double> q, const std::string& frame) {
   const auto in = impl_->in(q, "q");
   return matrix_of(6, in.size(),
                    [&](Eigen::MatrixXd& J) { robot::jacobian(impl_->mechanism, impl_->data, in, impl_->frame(frame), J); });
+}
+
+Matrix Robot::floating_mass_matrix(std::span<const double> q) {
+  return one_state(impl_->in(q, "q"), n(), [&](std::span<double> M) { floating_mass_matrix(q, M); });
+}
+Matrix Robot::floating_jacobian(std::span<const double> q, const std::string& frame) {
+  return one_state(impl_->in(q, "q"), 6, [&](std::span<double> J) { floating_jacobian(q, frame, J); });
+}
+Matrix Robot::floating_rotation(std::span<const double> q) {
+  return one_state(impl_->in(q, "q"), 3, [&](std::span<double> Z) { floating_rotation(q, Z); });
 }
 
 double Robot::effective_mass(std::span<const double> q, const std::array<double, 3>& u, const std::string& frame, Axes axes,
@@ -365,6 +405,22 @@ void Robot::jacobian(std::span<const double> q, const std::string& frame, std::s
     r.by_rows(J, s, 6, r.model.n(),
               [&](Eigen::MatrixXd& one) { robot::jacobian(r.mechanism, r.data, r.state(q, s), on, one); });
   }
+}
+
+void Robot::floating_mass_matrix(std::span<const double> q, std::span<double> M) {
+  impl_->floating(q, "M", M, impl_->model.n(),
+                  [](Impl::Floating& base, auto, Eigen::MatrixXd& one) { one = base.inertia.M_star; });
+}
+
+void Robot::floating_jacobian(std::span<const double> q, const std::string& frame, std::span<double> J) {
+  const robot::FrameOnBody on = impl_->frame(frame);
+  impl_->floating(q, "J", J, 6, [&](Impl::Floating& base, const auto& at, Eigen::MatrixXd& one) {
+    robot::generalised_jacobian(base.mechanism, base.data, base.inertia, at, on, one);
+  });
+}
+
+void Robot::floating_rotation(std::span<const double> q, std::span<double> Z) {
+  impl_->floating(q, "Z", Z, 3, [](Impl::Floating& base, auto, Eigen::MatrixXd& one) { one = base.inertia.Z(); });
 }
 
 }  // namespace cotwin

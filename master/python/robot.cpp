@@ -145,6 +145,17 @@ py::array jacobian(PyRobot& r, py::handle q, const std::string& frame, py::handl
   return J;
 }
 
+/// A matrix of `rows` x n of each state, which call(q, to) computes.
+template <class Call>
+py::array of_positions(PyRobot& r, py::handle q, py::handle out, py::ssize_t rows, Call call) {
+  States states({{"q", q}}, r.n);
+  py::array result = states.result(out, "out", {rows, r.joints()});
+  const std::span<double> to = write(result);
+  const std::size_t size = static_cast<std::size_t>(rows) * r.n;
+  evaluate(r, states.count(), [&](auto part) { call(part(states[0], r.n), part(to, size)); });
+  return result;
+}
+
 /// The elements of a vector of three.
 std::array<double, 3> direction(py::handle u) {
   const py::array array = real_array(u, "u");
@@ -245,6 +256,30 @@ a state gives NaN in what depends on it. More than 64 states are computed withou
            "J, (6, n) or (states, 6, n), with [v; w] = J dq: velocity of the frame's origin (m/s), then angular velocity "
            "(rad/s),\n"
            "both in the axes of the base.")
+      .def(
+          "floating_mass_matrix",
+          [](PyRobot& r, py::handle q, py::handle out) {
+            return of_positions(r, q, out, r.joints(), [&](auto at, auto to) { r.robot.floating_mass_matrix(at, to); });
+          },
+          "q"_a, py::kw_only(), "out"_a = py::none(),
+          "M*(q) = M - F' I_c^-1 F of a robot whose base moves freely, (n, n) or (states, n, n): M* ddq + C* dq = tau without\n"
+          "momentum. The base has the mass of the URDF's root link; an Error if it has none.")
+      .def(
+          "floating_jacobian",
+          [](PyRobot& r, py::handle q, const std::string& frame, py::handle out) {
+            return of_positions(r, q, out, 6, [&](auto at, auto to) { r.robot.floating_jacobian(at, frame, to); });
+          },
+          "q"_a, "frame"_a = "", py::kw_only(), "out"_a = py::none(),
+          "J*, the generalised Jacobian, (6, n) or (states, 6, n): as jacobian(), relative to an inertial frame, while the\n"
+          "base recoils.")
+      .def(
+          "floating_rotation",
+          [](PyRobot& r, py::handle q, py::handle out) {
+            return of_positions(r, q, out, 3, [&](auto at, auto to) { r.robot.floating_rotation(at, to); });
+          },
+          "q"_a, py::kw_only(), "out"_a = py::none(),
+          "Z, (3, n) or (states, 3, n): Z dq is the angular velocity of the free base in its own axes, rad/s, without "
+          "momentum.")
       .def(
           "effective_mass",
           [](PyRobot& r, py::handle q, py::handle u, const std::string& frame, const std::string& axes, py::handle B) {

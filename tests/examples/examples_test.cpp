@@ -152,6 +152,10 @@ void run_processes(const fs::path& script, const json& expected) {
   std::map<std::string, Table> tables;
   for (const json& figure : expected.at("figures")) {
     const auto of = figure.at("of").get<std::string>();
+    if (of.ends_with(".json")) {
+      check(figure, json::parse(std::ifstream(results.path() / of)), {});
+      continue;
+    }
     if (!tables.contains(of)) tables[of] = read_table(results.path() / of / "signals.csv");
     Table& table = tables[of];
     if (figure.contains("minus_of")) {

@@ -119,6 +119,9 @@ class Lwr(Case):
             "forward_dynamics": (q, dq, ddq),
             "regressor": (q, dq, ddq),
             "jacobian": (q,),
+            "floating_mass_matrix": (q,),
+            "floating_jacobian": (q,),
+            "floating_rotation": (q,),
         }
         for name, arguments in kernels.items():
             with self.subTest(name):
@@ -182,6 +185,26 @@ class Lwr(Case):
         half = np.zeros((200, 7))
         self.assertIs(self.arm.gravity(q, out=half[100:]).base, half)
         self.assertTrue(np.all(half[:100] == 0))
+
+    def test_a_free_base_turns_as_in_the_reference(self):
+        satellite = cotwin.Robot(pathlib.Path(SOURCE) / "examples/21_reaction/satellite.urdf")
+        q = np.array([0, 0.5, 0, -1, 0, 1, 0.0])
+        Z = satellite.floating_rotation(q)
+        np.testing.assert_allclose(
+            Z[2], [-0.410597, 0.020106, -0.223520, -0.013675, -0.006581, 0.000136, 0.000088], atol=5e-7
+        )
+        np.testing.assert_allclose(np.linalg.svd(Z)[1], [0.54322, 0.495085, 0.041228], atol=5e-6)
+        # J* less the fixed Jacobian is the motion of the base, of which the rotation is Z; M* is M less what the base takes up.
+        J = satellite.floating_jacobian(q, "link_7") - satellite.jacobian(q, "link_7")
+        np.testing.assert_allclose(J[3:], Z, atol=1e-14)
+        less = satellite.mass_matrix(q) - satellite.floating_mass_matrix(q)
+        self.assertEqual(np.linalg.matrix_rank(less, 1e-9), 6)
+        self.assertGreater(np.linalg.eigvalsh(less)[1:].min(), 0)
+        out = np.empty((1, 3, 7))
+        self.assertIs(satellite.floating_rotation(q[None], out=out), out)
+        np.testing.assert_array_equal(out[0], Z)
+        with self.assertError("planar2", "cannot float: mass 0 kg"):
+            cotwin.Robot("planar2").floating_rotation(np.zeros(2))
 
     def test_empty_batch_gives_empty_results(self):
         none = np.empty((0, 7))

@@ -2,13 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
 #include "components/services/json/answers.h"
 #include "components/services/json/move_json.h"
 #include "components/services/json/schemas.h"
 #include "models/foundation/support/text.h"
-#include "models/trajectory/series/recording.h"
 
 namespace cotwin::services {
 
@@ -142,12 +140,10 @@ std::string posture_member(Robots& robots, const Json& request, const std::strin
   return JointUnits(robot_of(robots, r)->model).name(plain, 0);
 }
 
-Json series_member(Robots& robots, const Json& request, const std::filesystem::path& file, bool degrees) {
+Json series_member(Robots& robots, const Json& request, const std::filesystem::path& file, trajectory::RecordingFormat format) {
   Reader r(request);
   const std::shared_ptr<const Robot> robot = robot_of(robots, r);
-  trajectory::RecordingFormat format;
   format.dq_columns = format.tau_columns = format.tau_e_columns = "none";
-  if (degrees) format.angle_unit = std::numbers::pi / 180;
   const trajectory::Series q = trajectory::load_recording(file, trajectory::axes_of(robot->model), format).q;
   Json rows = Json::array();
   for (auto row = q.x.begin(); row != q.x.end(); row += static_cast<std::ptrdiff_t>(q.width))

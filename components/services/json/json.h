@@ -11,6 +11,7 @@
 #include "components/services/services.h"
 #include "components/services/verification.h"
 #include "models/foundation/support/error.h"
+#include "models/trajectory/series/recording.h"
 
 /// Requests and replies as JSON with units of measure in names (from_q_rad, T_s). Reading is strict: unknown members, wrong types
 /// and numbers that are not finite are errors that name the JSON pointer, the fact and what was expected.
@@ -58,10 +59,9 @@ void check_object(Robots& robots, const nlohmann::ordered_json& request);
 /// joints. Throws Error.
 std::string posture_member(Robots& robots, const nlohmann::ordered_json& request, const std::string& plain);
 
-/// A recording (CSV, models/trajectory/series/recording.h) as the member "series" of the request {"t_s", "q_rad"}. `degrees`: of revolute
-/// joints. Throws Error.
+/// The positions of a recording (CSV) as the member "series" of the request. Throws Error.
 nlohmann::ordered_json series_member(Robots& robots, const nlohmann::ordered_json& request, const std::filesystem::path& file,
-                                     bool degrees);
+                                     trajectory::RecordingFormat format);
 
 /// Throws RequestError for text that is not JSON, is nested deeper than 32, or has a member twice.
 nlohmann::ordered_json parse_json(std::string_view text);

@@ -5,6 +5,7 @@
 #include <iterator>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <numbers>
 #include <sstream>
 #include <thread>
 #include <tuple>
@@ -27,7 +28,7 @@ namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
 struct AskArguments {
-  std::string service, robot = "lwr4", more, detail, table, schema;
+  std::string service, robot = "lwr4", more, detail, table, schema, q_columns;
   std::vector<double> from, to;
   std::string angle_unit = "rad";
   std::optional<double> T;
@@ -95,7 +96,12 @@ Json request_of(const AskArguments& a, services::Robots& robots) {
     if (a.service != "reaction")
       throw Error("--series", "is given for the service " + a.service + ", expected it with reaction");
     refuse_twice("--series", {"series"});
-    request["series"] = services::series_member(robots, request, *a.series, a.angle_unit == "deg");
+    trajectory::RecordingFormat format;
+    format.q_columns = a.q_columns;
+    if (a.angle_unit == "deg") format.angle_unit = std::numbers::pi / 180;
+    request["series"] = services::series_member(robots, request, *a.series, format);
+  } else if (!a.q_columns.empty()) {
+    throw Error("--q-columns", "is given without --series, expected it only with that");
   }
   for (const auto& [option, plain, q] : postures) {
     const std::string name = plain;
@@ -192,21 +198,14 @@ int ask_files(const AskArguments& a, services::Robots& robots, const services::C
 
 /// Refuses options that would have no effect beside `chosen`.
 void refuse_others(const AskArguments& a, const std::string& chosen, const std::vector<std::string>& allowed) {
-  const std::pair<const char*, bool> given[] = {{"SERVICE", !a.service.empty()},
-                                                {"--from", !a.from.empty()},
-                                                {"--to", !a.to.empty()},
-                                                {"--duration", a.T.has_value()},
-                                                {"--with", !a.more.empty()},
-                                                {"--detail", !a.detail.empty()},
-                                                {"--motion", !!a.motion},
-                                                {"--particles", !!a.particles},
-                                                {"--series", !!a.series},
-                                                {"--file", !a.files.empty()},
-                                                {"--angle-unit", a.angle_unit != "rad"},
-                                                {"--table", !a.table.empty()},
-                                                {"--schema", !a.schema.empty()},
-                                                {"--robots", !a.robots.empty()},
-                                                {"--threads", a.threads != 0},
+  const std::pair<const char*, bool> given[] = {{"SERVICE", !a.service.empty()}, {"--from", !a.from.empty()},
+                                                {"--to", !a.to.empty()},         {"--duration", a.T.has_value()},
+                                                {"--with", !a.more.empty()},     {"--detail", !a.detail.empty()},
+                                                {"--motion", !!a.motion},        {"--particles", !!a.particles},
+                                                {"--series", !!a.series},        {"--q-columns", !a.q_columns.empty()},
+                                                {"--file", !a.files.empty()},    {"--angle-unit", a.angle_unit != "rad"},
+                                                {"--table", !a.table.empty()},   {"--schema", !a.schema.empty()},
+                                                {"--robots", !a.robots.empty()}, {"--threads", a.threads != 0},
                                                 {"--worker", a.worker}};
   for (const auto& [name, is_given] : given)
     if (is_given && name != chosen && std::ranges::find(allowed, name) == allowed.end())
@@ -225,7 +224,7 @@ int ask(const AskArguments& a) {
   else
     refuse_others(a, "SERVICE",
                   {"--from", "--to", "--angle-unit", "--duration", "--with", "--detail", "--motion", "--particles", "--series",
-                   "--robots", "--threads"});
+                   "--q-columns", "--robots", "--threads"});
   if (!a.schema.empty()) {
     const std::vector<std::string> names = services::service_names();
     if (std::ranges::find(names, a.schema) == names.end())
@@ -261,6 +260,9 @@ void add_ask(CLI::App& app, Chosen& chosen) {
   command->add_option("--to", a.to, "Posture at the end, rad (m), separated by commas")->delimiter(',')->type_name("Q");
   command->add_option("--series", a.series, "Motion in place of --from and --to: CSV with times and joint positions")
       ->type_name("FILE");
+  command
+      ->add_option("--q-columns", a.q_columns, "Of --series: columns of the positions, names or a pattern, e.g. 'drive.q[{}]'")
+      ->type_name("NAMES");
   command->add_option("--angle-unit", a.angle_unit, "Of --from, --to and --series: rad or deg")
       ->check(CLI::IsMember({"rad", "deg"}))
       ->type_name("WORD")

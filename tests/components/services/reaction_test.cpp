@@ -483,13 +483,15 @@ TEST(ReactionService, ReadsARecordingAsSeries) {
   const testing::TemporaryFolder folder("recording");
   folder.write("log.csv", "t,q1,q2,q3,q4,q5,q6,q7\n3,0,10,0,20,0,0,0\n3.1,0,11,0,21,0,0,0\n3.2,0,12,0,22,0,0,0\n");
   const json request{{"service", "reaction"}, {"robot", "lwr4"}};
-  const json series = series_member(robots, request, folder.path() / "log.csv", true);
+  trajectory::RecordingFormat degrees;
+  degrees.angle_unit = std::numbers::pi / 180;
+  const json series = series_member(robots, request, folder.path() / "log.csv", degrees);
   EXPECT_EQ(series["q_rad"].size(), 3U);
   EXPECT_NEAR(series["t_s"][2].get<double>(), 0.2, 1e-12);
   EXPECT_NEAR(series["q_rad"][2][3].get<double>(), 22 * std::numbers::pi / 180, 1e-12);
-  EXPECT_THAT(testing::error_of([&] { (void)series_member(robots, request, folder.path() / "log.csv", false); }),
+  EXPECT_THAT(testing::error_of([&] { (void)series_member(robots, request, folder.path() / "log.csv", {}); }),
               HasSubstr("log.csv:2: column 'q2'"));
-  EXPECT_THAT(testing::error_of([&] { (void)series_member(robots, request, folder.path() / "none.csv", false); }),
+  EXPECT_THAT(testing::error_of([&] { (void)series_member(robots, request, folder.path() / "none.csv", {}); }),
               HasSubstr("none.csv"));
 }
 
