@@ -147,17 +147,6 @@ class COTWIN_API Robot {
   Manipulability dynamic_manipulability(std::span<const double> q, std::span<const double> dq, std::span<const double> tau_max,
                                         const std::string& frame = "", std::span<const double> motor_inertia = {});
 
-  // A base that moves freely, for example a satellite's (V-C), without momentum. It has the mass of the URDF's root link; each function
-  // throws Error if that link has none.
-
-  /// M* = M - F' I_c^-1 F, n x n: M* ddq + C* dq = tau while the base is free. Units and parameters as mass_matrix().
-  Matrix floating_mass_matrix(std::span<const double> q);
-  /// J*, 6 x n, the generalised Jacobian (Umetani and Yoshida 1989): twist of the frame's origin relative to an inertial frame, in the
-  /// axes of B, per joint speed; the base recoils. Parameters and errors as jacobian().
-  Matrix floating_jacobian(std::span<const double> q, const std::string& frame = "");
-  /// Z, 3 x n: w = Z dq is the angular velocity of the base in its own axes, rad/s. \param q n, rad or m
-  Matrix floating_rotation(std::span<const double> q);
-
   /// The links whose masses move with the joints, in the order of the parameters of regressor(): those of the n joints, then those
   /// of mimic joints.
   std::size_t bodies() const;
@@ -198,11 +187,16 @@ class COTWIN_API Robot {
   void forward_kinematics(std::span<const double> q, const std::string& frame, std::span<double> R, std::span<double> p);
   /// J of each state. \param q states x n, rad or m \param frame as above \param J states x 6 x n, by rows, as jacobian()
   void jacobian(std::span<const double> q, const std::string& frame, std::span<double> J);
-  /// M* of each state. \param q states x n, rad or m \param M states x n x n, as floating_mass_matrix()
+  // A base that moves freely, for example a satellite's (V-C), without momentum. It has the mass of the URDF's root link; Error if that
+  // link has none.
+
+  /// M* = M - F' I_c^-1 F of each state: M* ddq + C* dq = tau. \param q states x n, rad or m \param M states x n x n, as mass_matrix()
   void floating_mass_matrix(std::span<const double> q, std::span<double> M);
-  /// J* of each state. \param q states x n, rad or m \param frame as above \param J states x 6 x n, by rows
+  /// J* of each state, the generalised Jacobian (Umetani and Yoshida 1989): as jacobian(), relative to an inertial frame; the base recoils.
+  /// \param q states x n, rad or m \param frame as above \param J states x 6 x n, by rows
   void floating_jacobian(std::span<const double> q, const std::string& frame, std::span<double> J);
-  /// Z of each state. \param q states x n, rad or m \param Z states x 3 x n, by rows
+  /// Z of each state: Z dq is the angular velocity of the base in its own axes, rad/s. \param q states x n, rad or m
+  /// \param Z states x 3 x n, by rows
   void floating_rotation(std::span<const double> q, std::span<double> Z);
 
  private:

@@ -131,15 +131,6 @@ Matrix matrix_of(Eigen::Index rows, Eigen::Index columns, Compute compute) {
   return m;
 }
 
-/// A matrix of `rows` that `compute` fills by rows.
-template <class Compute>
-Matrix one_state(const Eigen::Map<const Eigen::VectorXd>& q, std::size_t rows, Compute compute) {
-  Matrix m{rows, static_cast<std::size_t>(q.size()), {}};
-  m.values.resize(m.rows * m.columns);
-  compute(m.values);
-  return m;
-}
-
 Ellipsoid ellipsoid_of(const robot::Ellipsoid& from) {
   Ellipsoid to;
   Eigen::Map<Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(to.axes.data()) = from.axes;
@@ -215,16 +206,6 @@ Matrix Robot::jacobian(std::span<const double> q, const std::string& frame) {
   const auto in = impl_->in(q, "q");
   return matrix_of(6, in.size(),
                    [&](Eigen::MatrixXd& J) { robot::jacobian(impl_->mechanism, impl_->data, in, impl_->frame(frame), J); });
-}
-
-Matrix Robot::floating_mass_matrix(std::span<const double> q) {
-  return one_state(impl_->in(q, "q"), n(), [&](std::span<double> M) { floating_mass_matrix(q, M); });
-}
-Matrix Robot::floating_jacobian(std::span<const double> q, const std::string& frame) {
-  return one_state(impl_->in(q, "q"), 6, [&](std::span<double> J) { floating_jacobian(q, frame, J); });
-}
-Matrix Robot::floating_rotation(std::span<const double> q) {
-  return one_state(impl_->in(q, "q"), 3, [&](std::span<double> Z) { floating_rotation(q, Z); });
 }
 
 double Robot::effective_mass(std::span<const double> q, const std::array<double, 3>& u, const std::string& frame, Axes axes,

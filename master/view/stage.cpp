@@ -33,7 +33,7 @@ struct Node {
   std::string robot;              // "left"; "" for a single robot
   std::size_t model = 0;
   bool in_world = false;
-  bool watched = false;  // a robot of a monitor
+  bool placed = false;  // a robot of a monitor, or one that floats
 };
 
 bool without_element(std::string_view variable, std::string_view name) {
@@ -134,7 +134,9 @@ void Builder::take(const ComponentSpec& component) {
   if (const std::string name = settings.given("robot").value_or(""); name.empty() || name == "none") return;
   robot::RobotModel model = settings.robot(Settings::Masses::kUnused);
   const fs::path urdf = settings.robot_files().empty() ? fs::path() : settings.robot_files().front();
-  nodes_.push_back({component.name, component.name + ".", "", add_model(std::move(model), urdf), false});
+  const std::string prefix = component.name + ".";
+  const bool floats = recorded_.find(prefix + "base_p") != nullptr && recorded_.find(prefix + "base_quat") != nullptr;
+  nodes_.push_back({component.name, prefix, "", add_model(std::move(model), urdf), false, floats});
 }
 
 std::size_t Builder::node_of(const Port& port, std::string_view* variable) const {
@@ -296,7 +298,7 @@ void Builder::group() {
       if (nodes_[i].in_world) place(robot, nodes_[i]);
     }
     for (const std::size_t i : of_group) {
-      if (nodes_[i].watched && !robot.in_world) place(robot, nodes_[i]);
+      if (nodes_[i].placed && !robot.in_world) place(robot, nodes_[i]);
     }
     add_tracks(robot, of_group, sources);
     if (!robot.tracks.empty()) robot.name = robot.tracks.front().signal.substr(0, robot.tracks.front().signal.rfind('.'));

@@ -53,7 +53,7 @@ struct StagedRobot {
   std::vector<StagedTool> tools;        // in the order of their events
   Pose X_WB;
   std::string base_p, base_quat;  // signals; may not be recorded
-  bool in_world = false;          // in a contact world
+  bool in_world = false;          // its base has a place: in a contact world, beside a monitor, or floating
   std::vector<double> q0;         // n
 };
 

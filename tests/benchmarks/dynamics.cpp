@@ -2,6 +2,7 @@
 // against KDL's inverse dynamics as the unit of the goals. COTWIN_CPU chooses another instruction set. Usage:
 // dynamics [robot.urdf]
 
+#include <Eigen/Cholesky>
 #include <Eigen/Core>
 #include <cmath>
 #include <memory>
@@ -11,6 +12,7 @@
 
 #include "models/foundation/support/error.h"
 #include "models/robot/dynamics.h"
+#include "models/robot/floating_base.h"
 #include "models/robot/urdf/urdf.h"
 #include "tests/benchmarks/dynamics_peers.h"
 #include "tests/benchmarks/measure.h"
@@ -46,6 +48,65 @@ struct OwnStates : benchmark::States {
     }
   }
 };
+
+/// The robot with six joints that move its base: three slides, then turns about x, y and z.
+RobotModel with_base_joints(const RobotModel& robot) {
+  RobotModel moved = robot;
+  moved.gravity.setZero();
+  for (Joint& joint : moved.joints) joint.parent += 6;
+  for (int i = 5; i >= 0; --i) {
+    Joint joint;
+    joint.parent = i - 1;
+    joint.type = i < 3 ? JointType::kPrismatic : JointType::kRevolute;
+    joint.axis = Eigen::Vector3d::Unit(i % 3);
+    moved.joints.insert(moved.joints.begin(), joint);
+    moved.bodies.insert(moved.bodies.begin(), Body{});
+  }
+  moved.bodies[5] = robot.base;
+  for (Frame& frame : moved.frames) frame.body += 6;
+  return moved;
+}
+
+/// Z, M* and J* together, against KDL's mass matrix and Jacobian of the robot with the joints of its base, from which Eigen eliminates the
+/// base.
+void free_base(const RobotModel& robot) {
+  const int n = robot.n();
+  const FrameOnBody tool = on_body(robot.end_effector());
+  const RobotModel moved = with_base_joints(robot);
+  OwnStates states(n + 6);
+  for (Eigen::VectorXd& q : states.q) q.head<6>().setZero();
+  const auto kdl = benchmark::make_kdl(moved, states);
+  const FloatingMechanism mechanism(robot);
+  FloatingData data(mechanism);
+  FloatingInertia inertia(n);
+  Eigen::MatrixXd J(6, n), A(6, n), M(n, n), J_kdl(6, n);
+  const auto ours = [&](std::size_t s) {
+    floating_inertia(mechanism, data, states.q[s].tail(n), inertia);
+    generalised_jacobian(mechanism, data, inertia, states.q[s].tail(n), tool, J);
+    benchmark::keep(J);
+  };
+  const auto theirs = [&](std::size_t s) {
+    kdl->mass_matrix(s);
+    kdl->jacobian(s);
+    A = -kdl->M.topLeftCorner<6, 6>().llt().solve(kdl->M.topRightCorner(6, n));
+    M = kdl->M.bottomRightCorner(n, n);
+    M.noalias() += kdl->M.bottomLeftCorner(n, 6).lazyProduct(A);
+    J_kdl = kdl->J.rightCols(n);
+    J_kdl.noalias() += kdl->J.leftCols<6>().lazyProduct(A);
+    benchmark::keep(J_kdl);
+  };
+  for (std::size_t s = 0; s < kStates; ++s) {
+    ours(s);
+    theirs(s);
+    const double difference = (inertia.A - A).norm() + (inertia.M_star - M).norm() + (J - J_kdl).norm();
+    if (difference > 1e-8) throw Error(robot.name, "of a free base, KDL differs from ours by " + std::to_string(difference));
+  }
+  std::size_t state = 0, peer_state = 0;
+  const auto figures = benchmark::measure([&] { ours(state++ % kStates); }, [&] { theirs(peer_state++ % kStates); }, kBatches,
+                                          kBatchSeconds, benchmark::thread_seconds);
+  benchmark::print({"Z, M* and J* of a free base, " + std::to_string(n) + " joints", "ns", 1e9 * figures.ours,
+                    "KDL and Eigen, the same", 1e9 * figures.peer, 0.3});
+}
 
 }  // namespace
 
@@ -142,6 +203,7 @@ int main(int argc, char** argv) {
     inverse_dynamics_derivatives(mechanism, data, states.q[s], states.dq[s], states.ddq[s], M, A);
     benchmark::keep(M);
   });
+  free_base(robot);
   const auto batch = benchmark::measure(
       [&] {
         inverse_dynamics_batch(mechanism, data, kStates, states.by_joint_q.data(), states.by_joint_dq.data(),

@@ -19,7 +19,8 @@ inline KDL::Chain kdl_chain(const robot::RobotModel& robot) {
     const robot::Joint& joint = robot.joints[i];
     const Inertia& b = robot.bodies[i].inertia;
     const KDL::RotationalInertia I(b.I_CC(0, 0), b.I_CC(1, 1), b.I_CC(2, 2), b.I_CC(0, 1), b.I_CC(0, 2), b.I_CC(1, 2));
-    const KDL::Joint turn(joint.name, kdl(joint.X_PJ.p), kdl(joint.X_PJ.R * joint.axis), KDL::Joint::RotAxis);
+    const KDL::Joint turn(joint.name, kdl(joint.X_PJ.p), kdl(joint.X_PJ.R * joint.axis),
+                          joint.type == robot::JointType::kPrismatic ? KDL::Joint::TransAxis : KDL::Joint::RotAxis);
     chain.addSegment(KDL::Segment(robot.bodies[i].name, turn, kdl(joint.X_PJ), KDL::RigidBodyInertia(b.mass, kdl(b.p_LC), I)));
   }
   return chain;

@@ -267,6 +267,18 @@ TEST(Stage, ShowsTwoRobotsAtTheirPlacesInAContactWorldWithItsBodies) {
   EXPECT_THAT(stage.worlds, ElementsAre("world"));
 }
 
+TEST(Stage, ShowsFloatingRobotsAtTheirPlaces) {
+  const Recorded recorded =
+      recording_of({{"rigid.q", 7}, {"rigid.base_p", 3}, {"rigid.base_quat", 4}, {"elastic.q", 7}, {"world.q", 7}});
+  const Stage stage = stage_of_example("21_reaction/reaction.ssd", recorded);
+  ASSERT_EQ(stage.robots.size(), 3u);
+  EXPECT_EQ(stage.robots[0].X_WB.p, Eigen::Vector3d(0, -2, 1));
+  EXPECT_EQ(stage.robots[0].base_quat, "rigid.base_quat");
+  EXPECT_EQ(stage.robots[1].base_quat, "");
+  EXPECT_EQ(stage.robots[2].X_WB.p, Eigen::Vector3d(0, 2, 1));
+  EXPECT_EQ(stage.robots[2].base_quat, "world.base_quat");
+}
+
 // The monitor's robots are those of the motions that it follows, at its places, and its person is that of the contact world.
 TEST(Stage, ShowsWhatAMonitorWatches) {
   const fs::path root = places::source();
