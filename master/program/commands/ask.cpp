@@ -107,6 +107,7 @@ Json request_of(const AskArguments& a, services::Robots& robots) {
     const std::string name = plain;
     const std::vector<std::string> members{name + "_rad", name + "_deg", name};
     if (!q.empty()) {
+      if (request.contains("series")) throw Error(option, "is given beside a series, expected one of them");
       refuse_twice(option, members);
       std::string member = services::posture_member(robots, request, name);
       if (a.angle_unit == "deg" && member == plain)
@@ -121,6 +122,7 @@ Json request_of(const AskArguments& a, services::Robots& robots) {
   }
   if (a.T && (a.service == "cycle_time"))
     throw Error("--duration", "is given for cycle_time, which finds the duration, expected another service");
+  if (a.T && request.contains("series")) throw Error("--duration", "is given beside a series, which has its own times");
   if (a.T) {
     const std::string member = a.service == "optimise" ? "T_min_s" : "T_s";
     refuse_twice("--duration", {member});

@@ -39,7 +39,7 @@ RecordingReader::RecordingReader(const std::filesystem::path& file, std::span<co
   if (!q_.present())
     throw Error(
         file_,
-        "has no columns of joint positions, expected 'q1', 'q2', … or their names in q_columns (cotwin tune: --q-columns)" +
+        "has no columns of joint positions, expected 'q1', 'q2', … or their names in q_columns (cotwin tune and ask: --q-columns)" +
             table_columns(csv_.names()));
   if (!format.theta_columns.empty()) theta_ = channel(format.theta_columns, kPositions, axes, angle, q_offset);
   dq_ = channel(format.dq_columns, kVelocities, axes, angle, zero);

@@ -155,6 +155,32 @@ TEST(Ask, NoticesPosturesInDegrees) {
   }
 }
 
+TEST(AskCommand, TakesARecordingInPlaceOfAMove) {
+  const cotwin::testing::TemporaryFolder folder("series");
+  const std::string file = folder.write("log.csv",
+                                        "t,arm.q[1],arm.q[2],arm.q[3],arm.q[4],arm.q[5],arm.q[6],arm.q[7]\n"
+                                        "0,0,30,0,-60,0,60,0\n1,10,30,0,-60,0,60,0\n2,20,30,0,-60,0,60,0\n");
+  const std::vector<std::string> ask = {"ask", "reaction",    "--robot",   "lwr4",         "--series",
+                                        file,  "--q-columns", "arm.q[{}]", "--angle-unit", "deg"};
+  const auto answered = run_program(ask);
+  ASSERT_EQ(answered.code, 0) << answered.err;
+  const json reply = json::parse(answered.out);
+  EXPECT_EQ(reply["T_s"], 2);
+  EXPECT_GT(reply["end"]["turn_rad"].get<double>(), 0.05);
+  const auto refusal = [&](const std::vector<std::string>& more) {
+    std::vector<std::string> all = ask;
+    all.insert(all.end(), more.begin(), more.end());
+    const auto refused = run_program(all);
+    EXPECT_EQ(refused.code, 2);
+    return refused.err;
+  };
+  EXPECT_THAT(refusal({"--from", "0,0,0,0,0,0,0"}), HasSubstr("--from: is given beside a series, expected one of them"));
+  EXPECT_THAT(refusal({"--duration", "3"}), HasSubstr("--duration: is given beside a series, which has its own times"));
+  EXPECT_THAT(refusal({"--with", "{\"series\": {}}"}), HasSubstr("--series: is given beside the member series of --with"));
+  EXPECT_THAT(run_program({"ask", "energy", "--series", file}).err, HasSubstr("--series: is given for the service energy"));
+  EXPECT_THAT(run_program({"ask", "reaction", "--q-columns", "x"}).err, HasSubstr("--q-columns: is given without --series"));
+}
+
 TEST(Tasks, AreCrossedWithRobotsAndDoNotLoseOneAnother) {
   Robots robots({robots_folder()});
   const auto tasks = cotwin::services::read_tasks(kLibrary, "library", {"lwr4", "verdict", {}});

@@ -128,7 +128,7 @@ TEST(Recording, ColumnsThatAreNotOnePerJointAreErrors) {
   EXPECT_THAT(error_of("t,q1,q2,tau1\n0,0,0,1\n1,0,0,1\n", free_axes(2)),
               HasSubstr("has columns 'tau1' to 'tau1' of tau, expected 2"));
   EXPECT_EQ(error_of("t,x,y\n0,0,0\n1,0,0\n", free_axes(2)),
-            "file.csv: has no columns of joint positions, expected 'q1', 'q2', … or their names in q_columns (cotwin tune: "
+            "file.csv: has no columns of joint positions, expected 'q1', 'q2', … or their names in q_columns (cotwin tune and ask: "
             "--q-columns); columns of the table: 't', 'x', 'y'");
   std::string wide = "t";
   for (int i = 0; i < 30; ++i) wide += std::string(",") + static_cast<char>('a' + i % 26) + (i < 26 ? "x" : "y");
