@@ -76,15 +76,9 @@ trajectory::Series read_series(const Robot& robot, Reader& r) {
   }
   s.t = r.numbers("t_s");
   const Json* const rows = r.any(q.c_str());
-  const auto counted = [](std::size_t n, const char* what) { return std::to_string(n) + what + (n == 1 ? "" : "s"); };
-  const std::string fault = !rows               ? "is missing"
-                            : !rows->is_array() ? "is no array"
-                            : rows->size() != s.t.size() || s.t.size() < 2 || s.t.size() > kMostSamples
-                                ? "has " + counted(rows->size(), " row") + " for " + counted(s.t.size(), " time")
-                                : "";
-  if (!fault.empty())
-    throw RequestError(r.pointer(q.c_str()),
-                       fault + ", expected 2 to " + std::to_string(kMostSamples) + " postures, one per time");
+  if (!rows || !rows->is_array() || rows->size() != s.t.size() || s.t.size() < 2 || s.t.size() > kMostSamples)
+    throw RequestError(r.pointer(q.c_str()), std::string(rows ? "is no array of " : "is missing, expected ") +
+                                                 std::to_string(s.t.size()) + " postures, one per time (2 to 100000)");
   for (std::size_t i = 0; i < s.t.size(); ++i) {
     const std::string row = std::to_string(i);
     if (i > 0 && !(s.t[i] - s.t[i - 1] >= kBriefest))

@@ -37,10 +37,10 @@ RecordingReader::RecordingReader(const std::filesystem::path& file, std::span<co
   if (rate_ == 0) t_column_ = find_time_column(csv_, file_, format.t_column);
   q_ = channel(format.q_columns, kPositions, axes, angle, q_offset);
   if (!q_.present())
-    throw Error(
-        file_,
-        "has no columns of joint positions, expected 'q1', 'q2', … or their names in q_columns (cotwin tune and ask: --q-columns)" +
-            table_columns(csv_.names()));
+    throw Error(file_,
+                "has no columns of joint positions, expected 'q1', 'q2', … or their names in q_columns (cotwin tune and ask: "
+                "--q-columns)" +
+                    table_columns(csv_.names()));
   if (!format.theta_columns.empty()) theta_ = channel(format.theta_columns, kPositions, axes, angle, q_offset);
   dq_ = channel(format.dq_columns, kVelocities, axes, angle, zero);
   tau_ = channel(format.tau_columns, kTorques, axes, std::move(tau_scale), zero);

@@ -433,10 +433,12 @@ TEST(ReactionService, RefusesWhatIsNoMotionAndNoBase) {
   EXPECT_THAT(refusal({{"base", {{"colour", 1}}}}), HasSubstr("/base/colour: is an unknown member"));
   EXPECT_THAT(refusal({{"momentum", {{"angular_Nms", {0, 0}}}}}), HasSubstr("/momentum/angular_Nms: has 2 values, expected 3"));
   EXPECT_THAT(refusal({{"series", {{"t_s", {0, 1}}, {"q_rad", {row, row}}}}}), HasSubstr("is an unknown member"));
-  EXPECT_THAT(series({{"t_s", {0, 1}}}), HasSubstr("/series/q_rad: is missing, expected 2 to 100000 postures, one per time"));
-  EXPECT_THAT(series({{"t_s", {0, 1}}, {"q_rad", 3}}), HasSubstr("/series/q_rad: is no array, expected"));
-  EXPECT_THAT(series({{"t_s", {0, 1}}, {"q_rad", {row}}}), HasSubstr("/series/q_rad: has 1 row for 2 times, expected"));
-  EXPECT_THAT(series({{"t_s", {0}}, {"q_rad", {row}}}), HasSubstr("/series/q_rad: has 1 row for 1 time, expected 2"));
+  EXPECT_THAT(series({{"t_s", {0, 1}}}),
+              HasSubstr("/series/q_rad: is missing, expected 2 postures, one per time (2 to 100000)"));
+  EXPECT_THAT(series({{"t_s", {0, 1}}, {"q_rad", 3}}), HasSubstr("/series/q_rad: is no array of 2 postures"));
+  EXPECT_THAT(series({{"t_s", {0, 1}}, {"q_rad", {row}}}), HasSubstr("/series/q_rad: is no array of 2 postures"));
+  EXPECT_THAT(series({{"t_s", {0}}, {"q_rad", {row}}}),
+              HasSubstr("/series/q_rad: is no array of 1 postures, one per time (2 to 100000)"));
   EXPECT_THAT(series({{"t_s", {0, 1}}, {"q_rad", {row, {0, 0}}}}), HasSubstr("/series/q_rad/1: has 2 values, expected 7"));
   EXPECT_THAT(series({{"t_s", {0, 0}}, {"q_rad", {row, row}}}),
               HasSubstr("/series/t_s/1: is 0 after 0, expected at least 0.0001 s more"));

@@ -127,9 +127,10 @@ TEST(Recording, ColumnsThatAreNotOnePerJointAreErrors) {
             "file.csv: 1 columns given for q ('q2'), expected 2, one per joint");
   EXPECT_THAT(error_of("t,q1,q2,tau1\n0,0,0,1\n1,0,0,1\n", free_axes(2)),
               HasSubstr("has columns 'tau1' to 'tau1' of tau, expected 2"));
-  EXPECT_EQ(error_of("t,x,y\n0,0,0\n1,0,0\n", free_axes(2)),
-            "file.csv: has no columns of joint positions, expected 'q1', 'q2', … or their names in q_columns (cotwin tune and ask: "
-            "--q-columns); columns of the table: 't', 'x', 'y'");
+  EXPECT_EQ(
+      error_of("t,x,y\n0,0,0\n1,0,0\n", free_axes(2)),
+      "file.csv: has no columns of joint positions, expected 'q1', 'q2', … or their names in q_columns (cotwin tune and ask: "
+      "--q-columns); columns of the table: 't', 'x', 'y'");
   std::string wide = "t";
   for (int i = 0; i < 30; ++i) wide += std::string(",") + static_cast<char>('a' + i % 26) + (i < 26 ? "x" : "y");
   EXPECT_THAT(error_of(wide + "\n", free_axes(2)), HasSubstr("'rx', 'sx', …"));
