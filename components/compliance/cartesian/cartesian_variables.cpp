@@ -80,6 +80,10 @@ void CartesianMotion::declare(Variables& v) {
     v.state("beyond_low", impedance_limits_->beyond_low, "1", "how far below q_min; rad or m");
     return;
   }
+  declared.input(
+      "xi", self_motion_.xi, "rad/s2",
+      "acceleration of your own goal of the self-motion, beside those of the setting null_space: only its part in the "
+      "null space of the tasks acts (IV-A3); -M^-1 grad V for a potential V");
   v.parameter("K_e", K_e_, "1", "stiffness of the environment along the axes of S_T, then of K_o, N/m and N.m/rad; 0: unknown")
       .range(0, kAny);
   v.parameter(

@@ -178,7 +178,7 @@ void JointMotion::part(LinkDynamics& links, const MovingPose& before, const Twis
   gradient_.setZero();
   const double potential = self_motion_.add_goals(links, q_mid_, E_, gradient_);
   // Damping of ν in the middle of the part, (ν + h/2 (a − k_ν ν_mid)) = ν_mid, for any k_ν.
-  tau_ = -gains.k_nu * dq;
+  tau_ = map(self_motion_.xi) - gains.k_nu * dq;
   if (posture_ != nullptr)
     tau_ += posture_->ddq + gains.k_nu * posture_->dq + gains.k_nu * gains.k_nu / 4 * (posture_->q - q_mid_);
   null_space_.evaluate(cascade_, {dq_mid_, M_, dM_, gradient_, tau_e, self_motion_.yield(), 0, &tau_});

@@ -102,6 +102,7 @@ SelfMotion::SelfMotion(Settings& settings, const robot::RobotModel& robot, const
   in_force_ = wanted_;
   p_start_.assign(3 * held_, 0);
   nu_.assign(n, 0);
+  xi.assign(n, 0);
   task_sigma.assign(tasks_.size(), 0);
   task_residual.assign(tasks_.size(), 0);
   for (std::size_t i = 0; i < n; ++i) {
@@ -142,6 +143,7 @@ void SelfMotion::check(const std::string& place) const {
   for_each([&](std::span<const Table> table) { check_values(wanted_, table, place); });
   if (has(kMass) && !(map(wanted_.mass_axis).norm() > 1e-6))
     throw Error(place + ".mass_axis", "has no length, expected a direction in the axes of E");
+  if (!map(xi).allFinite()) throw Error(place + ".xi", "is not finite, expected finite values");
 }
 
 void SelfMotion::start(LinkDynamics& links, const VectorXd& q) {

@@ -60,6 +60,7 @@ class SelfMotion {
   /// Whether a task below the first one that is in force loses a direction to those above, and cannot do what it should there.
   bool contradicts(double sigma_0) const;
   std::vector<double> task_sigma, task_residual;  // by task
+  std::vector<double> xi;                         // n, rad/s² or m/s²: of the user's own goal, an input that is added to ξ
 
  private:
   enum Goal : unsigned { kPosture = 1, kLimits = 2, kManipulability = 4, kMass = 8 };

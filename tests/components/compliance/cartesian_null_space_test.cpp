@@ -67,6 +67,39 @@ TEST(CartesianNullSpace, ThePostureIsReachedAsFarAsThePoseAllows) {
   EXPECT_GT((VectorXd(unit["q_c"]) - q).norm(), 0.05);
 }
 
+// A goal from outside, xi = −M⁻¹ K (q_c − q_0) of the step's beginning, is the built-in posture but for its age: half the step, half the
+// difference. The frame stays.
+TEST(CartesianNullSpace, AGoalFromOutsideActsAsTheSameGoalInside) {
+  const VectorXd q = lwr4_posture();
+  const robot::RobotModel model = robot::load_urdf(places::source() + "/models/robots/lwr4/robot.urdf");
+  const robot::Mechanism mechanism(model);
+  robot::Data data(mechanism);
+  MatrixXd M(7, 7);
+  std::vector<double> furthest;
+  for (const int parts : {1, 2}) {
+    Subject inside = unit_at("&null_space=posture", "lwr4", q), outside = unit_at("", "lwr4", q);
+    inside["q_0"] = reference_pose();
+    inside.initialise();
+    outside.initialise();
+    furthest.push_back(0);
+    for (int i = 0; i < 2000 * parts; ++i) {
+      const VectorXd at = outside["q_c"];
+      robot::mass_matrix(mechanism, data, at, M);
+      outside["xi"] = -M.ldlt().solve(VectorXd(10 * (at - reference_pose())));
+      inside.step(1e-3 / parts);
+      outside.step(1e-3 / parts);
+      furthest.back() = std::max(furthest.back(), (VectorXd(inside["q_c"]) - VectorXd(outside["q_c"])).norm());
+    }
+    EXPECT_GT((VectorXd(outside["q_c"]) - q).norm(), 0.4);
+    EXPECT_LT(outside.value("task_error"), 1e-9);
+    EXPECT_LT((Vector3d(outside["p_c"]) - Vector3d(outside["p_d"])).norm(), 1e-12);
+    outside["xi"][3] = std::nan("");
+    EXPECT_NE(error_of([&] { outside.step(); }).find(".xi: is not finite, expected finite values"), std::string::npos);
+  }
+  EXPECT_LT(furthest[0], 5e-3);
+  EXPECT_NEAR(furthest[0] / furthest[1], 2, 0.2);
+}
+
 TEST(CartesianNullSpace, TheEffectiveMassEndsAtItsLeastValueOnTheSelfMotion) {
   // Of the specification: along the self-motion of this pose 2.62214 to 3.31740 kg, the least value at q_3 = 105.4°. The masses
   // of the arm are not symmetric: on the other side the least value is 2.62254, at −106.2°.
