@@ -17,6 +17,7 @@ using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
 constexpr double kTolerance = 1e-10;    // rad
+constexpr double kEnough = 1e-6;        // rad, of noisy recordings, where the tolerance takes more than kMost steps
 constexpr double kFewest = 512;         // steps of a motion
 constexpr std::size_t kMost = 250'000;  // or four times those at first
 
@@ -123,27 +124,25 @@ class Course {
       for (double i = 1; i < parts; ++i) times.push_back(knots[k - 1] + i / parts * (knots[k] - knots[k - 1]));
       times.push_back(knots[k]);
     }
-    const std::size_t steps = times.size();
-    for (std::vector<Quaterniond> coarse = integrate(times);;) {
-      if (times.size() > std::max(kMost, 4 * steps))
+    const std::size_t most = std::max(kMost, 4 * times.size());
+    std::vector<Quaterniond> coarse = integrate(times), fine;
+    for (double error = 1; !(error < kTolerance); coarse = fine) {
+      if (times.size() > most) {
+        if (error < kEnough) break;
         throw Error("base", "turns too fast to be followed over " + text::to_text(path_.end() - path_.begin()) +
-                                " s, expected less momentum or a shorter motion");
+                                " s, expected less momentum, or a shorter or smoother motion");
+      }
       std::vector<double> finer{times.front()};
       for (std::size_t k = 1; k < times.size(); ++k) {
         finer.push_back(0.5 * (times[k - 1] + times[k]));
         finer.push_back(times[k]);
       }
-      const std::vector<Quaterniond> fine = integrate(finer);
-      double error = 0;
+      fine = integrate(finer);
+      error = 0;
       for (std::size_t k = 0; k < times.size(); ++k) error = std::max(error, coarse[k].angularDistance(fine[2 * k]));
       times = std::move(finer);
-      if (!(error < kTolerance)) {
-        coarse = fine;
-        continue;
-      }
-      for (std::size_t k = 0; k < times.size(); ++k) grid_.push_back(described(times[k], fine[k]));
-      return;
     }
+    for (std::size_t k = 0; k < times.size(); ++k) grid_.push_back(described(times[k], coarse[k]));
   }
 
   const trajectory::Path& path_;
