@@ -15,6 +15,22 @@ namespace {
 constexpr double kSoftest = 1e-6;   // N.m/rad, of a joint without stiffness
 constexpr double kSingular = 1e-9;  // m/N, added where the joints cannot move the tip: a stiffness of 1e9 N/m
 
+/// A robot whose base recoils.
+struct Floating {
+  explicit Floating(const robot::RobotModel& robot)
+      : mechanism(robot), data(mechanism), inertia(robot.n()), tip(robot.n() + 6), J(6, robot.n()) {}
+  void place(const Eigen::VectorXd& q, const robot::FrameOnBody& frame) {
+    robot::frame_inertia(mechanism, data, q, Eigen::VectorXd(0), frame, tip);
+    robot::floating_inertia(mechanism, data, q, inertia);
+    robot::generalised_jacobian(mechanism, data, inertia, q, frame, J);
+  }
+  robot::FloatingMechanism mechanism;
+  robot::FloatingData data;
+  robot::FloatingInertia inertia;
+  robot::FrameInertia tip;
+  robot::Matrix6X J;
+};
+
 void add(MatrixOverTime& matrices, const Eigen::Matrix3d& M) {
   const double values[] = {M(0, 0), M(0, 1), M(0, 2), M(1, 1), M(1, 2), M(2, 2)};
   for (std::size_t k = 0; k < matrices.size(); ++k) matrices[k].push_back(values[k]);
@@ -50,12 +66,14 @@ std::vector<std::size_t> chosen_rows(const Recorded& recorded, double per_second
 
 TipMatrices tip_matrices(const robot::RobotModel& robot, const Recorded& recorded, const RecordedSignal& signal,
                          const std::vector<std::size_t>& rows,
-                         const std::function<std::optional<Compliant>(std::size_t)>& compliant) {
+                         const std::function<std::optional<Compliant>(std::size_t)>& compliant, bool floating) {
   TipMatrices matrices;
   const robot::Mechanism mechanism(robot);
   robot::Data data(mechanism);
   robot::FrameInertia tip(robot.n());
   const robot::FrameOnBody frame = robot::on_body(robot.end_effector());
+  std::optional<Floating> base;
+  if (floating) base.emplace(robot);
   const bool has_masses = std::ranges::all_of(robot.bodies, [](const robot::Body& body) { return body.inertia.mass > 0; });
   if (has_masses) matrices.mobility.emplace();
   if (!rows.empty() && compliant(rows.front())) matrices.stiffness.emplace();
@@ -68,8 +86,10 @@ TipMatrices tip_matrices(const robot::RobotModel& robot, const Recorded& recorde
     }
     robot::frame_inertia(mechanism, data, q, free, frame, tip);
     const Eigen::Ref<const Eigen::MatrixXd> J_v = tip.J.topRows<3>();
-    add(matrices.velocity, J_v * J_v.transpose());
-    if (matrices.mobility) add(*matrices.mobility, tip.Lambda_inverse.topLeftCorner<3, 3>());
+    if (base) base->place(q, frame);
+    const Eigen::Ref<const Eigen::MatrixXd> free_v = base ? base->J.topRows<3>() : tip.J.topRows<3>();
+    add(matrices.velocity, free_v * free_v.transpose());
+    if (matrices.mobility) add(*matrices.mobility, (base ? base->tip : tip).Lambda_inverse.topLeftCorner<3, 3>());
     if (matrices.stiffness) {
       const std::optional<Compliant> given = compliant(row);
       add(*matrices.stiffness, given ? stiffness_of(*given, J_v, tip.X_BF.R) : Eigen::Matrix3d::Zero().eval());

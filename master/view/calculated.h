@@ -31,8 +31,9 @@ struct TipMatrices {
 };
 
 /// `q`: signal of n elements. Positions that are not finite are those of the row before. `compliant`: the stiffness in a row, if one is known.
+/// `floating`: the base, which must have a physical mass, recoils: Λ_v⁻¹ of the whole and the generalised Jacobian.
 TipMatrices tip_matrices(const robot::RobotModel& robot, const Recorded& recorded, const RecordedSignal& q,
                          const std::vector<std::size_t>& rows,
-                         const std::function<std::optional<Compliant>(std::size_t)>& compliant);
+                         const std::function<std::optional<Compliant>(std::size_t)>& compliant, bool floating = false);
 
 }  // namespace cotwin::master

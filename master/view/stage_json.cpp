@@ -45,6 +45,7 @@ class Writer {
   Json robot_json(const StagedModel& staged);
   Json tool_json(const StagedTool& tool);
   Json figure_json(const StagedRobot& robot, std::size_t index);
+  bool floats(const StagedRobot& robot) const;
   void add_live_matrices(Json& json, const StagedRobot& robot, std::size_t index) const;
   Json tau_e_json(const StagedRobot& robot) const;
   std::string add_matrix(const std::string& name, const MatrixOverTime& matrix, const char* unit);
@@ -228,13 +229,20 @@ Json Writer::tau_e_json(const StagedRobot& robot) const {
   return {{"signals", Json::array()}, {"lacks", lacks}};
 }
 
+/// Whether the base of the robot moves freely: only then its pose is recorded.
+bool Writer::floats(const StagedRobot& robot) const {
+  return is_recorded(robot.base_quat, 4) && stage_.models[robot.model].model->base.inertia.unphysical().empty();
+}
+
 /// Names of the matrices that the page calculates, and the signal that has the stiffness.
 void Writer::add_live_matrices(Json& json, const StagedRobot& robot, std::size_t index) const {
   const robot::RobotModel& model = *stage_.models[robot.model].model;
   const bool has_masses = std::ranges::all_of(model.bodies, [](const robot::Body& body) { return body.inertia.mass > 0; });
   const std::string of = "figure " + std::to_string(index);
-  json["mobility"] = has_masses && !robot.tracks.empty() ? of + " mobility" : "";
-  json["velocity"] = robot.tracks.empty() ? "" : of + " velocity";
+  // The page calculates with a fixed base.
+  const bool shown = !robot.tracks.empty() && !floats(robot);
+  json["mobility"] = has_masses && shown ? of + " mobility" : "";
+  json["velocity"] = shown ? of + " velocity" : "";
   json["stiffness"] = {{"signals", Json::array()},
                        {"lacks", "the robot has no controller with a stiffness; a component of unit:compliance has one"}};
   for (const std::string& component : robot.components) {
@@ -280,7 +288,7 @@ Json Writer::figure_json(const StagedRobot& robot, std::size_t index) {
   Json stiffness = Json::array();
   if (!robot.tracks.empty() && !rows_.empty()) {
     const TipMatrices matrices = tip_matrices(*stage_.models[robot.model].model, recorded_,
-                                              *recorded_.find(robot.tracks.front().signal), rows_, compliant);
+                                              *recorded_.find(robot.tracks.front().signal), rows_, compliant, floats(robot));
     const std::string of = "figure " + std::to_string(index);
     if (matrices.mobility) mobility = add_matrix(of + " mobility", *matrices.mobility, "1/kg");
     velocity = add_matrix(of + " velocity", matrices.velocity, "m2/s2");

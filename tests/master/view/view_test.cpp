@@ -447,6 +447,28 @@ TEST(TipMatrices, AreThoseOfTheIndices) {
   }
 }
 
+TEST(TipMatrices, OfAFloatingRobotRecoil) {
+  const robot::RobotModel arm = robot::load_urdf(fs::path(places::source()) / "examples/21_reaction/satellite.urdf");
+  Recorded recorded = recording_of({{"q", 7}});
+  recorded.time = {0};
+  Eigen::VectorXd q(7);
+  q << 0.3, 0.5, -0.2, -1.1, 0.4, 0.9, 0.1;
+  for (std::size_t i = 0; i < 7; ++i) recorded.columns[i] = {q[static_cast<Eigen::Index>(i)]};
+  const auto none = [](std::size_t) { return std::optional<Compliant>(); };
+  const TipMatrices free = tip_matrices(arm, recorded, *recorded.find("q"), {0}, none, true);
+  const TipMatrices fixed = tip_matrices(arm, recorded, *recorded.find("q"), {0}, none);
+  const robot::FloatingMechanism mechanism(arm);
+  robot::FloatingData data(mechanism);
+  robot::FloatingInertia inertia(7);
+  floating_inertia(mechanism, data, q, inertia);
+  Eigen::MatrixXd J(6, 7);
+  generalised_jacobian(mechanism, data, inertia, q, robot::on_body(arm.end_effector()), J);
+  EXPECT_NEAR(free.velocity[0][0], J.row(0).squaredNorm(), 1e-12);
+  EXPECT_NEAR(free.velocity[4][0], J.row(1).dot(J.row(2)), 1e-12);
+  // A base that gives way makes the tip lighter: by what a force moves the whole, and more.
+  EXPECT_GT((*free.mobility)[0][0], (*fixed.mobility)[0][0] + 1e-3);
+}
+
 TEST(TipMatrices, AreMadeForRowsSpreadOverTheRecordingWithItsEnds) {
   Recorded recorded;
   for (std::int64_t i = 0; i < 10'001; ++i) recorded.time.push_back(i * 1'000'000);
