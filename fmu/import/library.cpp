@@ -9,6 +9,7 @@
 #include <chrono>
 #include <cstring>
 #include <fstream>
+#include <mutex>
 #include <system_error>
 #include <thread>
 
@@ -53,6 +54,10 @@ void check_loadable(const fs::path& file) {
 }
 
 std::atomic<int> abandoned{0};
+
+/// The loader's own lock orders this for threads, too, but a thread sanitizer does not see it: an FMU that asks for its library's name
+/// reads what dlopen() stored for another instance.
+std::mutex loading;
 
 /// Empty if the system does not tell them, also after an error: a destructor asks.
 std::vector<int> threads_of_process() noexcept try {
@@ -111,6 +116,7 @@ fs::path library_file(const fs::path& folder, Version version, const std::string
 Library::Library(const fs::path& file) : file_(fs::absolute(file)), threads_(threads_of_process()) {
   check_loadable(file_);
   const CallUnderWay call(known_function("the loading of its library"));
+  const std::lock_guard one(loading);
   handle_ = dlopen(file_.c_str(), RTLD_NOW | RTLD_LOCAL);
   if (handle_ == nullptr) {
     const char* why = dlerror();
