@@ -157,6 +157,7 @@ const std::map<std::string, std::vector<std::string>> kRooms = {
       "control",
       "energetics",
       "optimisation",
+      "optimisation/reactionless",
       "identification/measurement",
       "identification/torque_data",
       "identification",

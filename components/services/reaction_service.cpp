@@ -33,6 +33,7 @@ class Course {
         q_(robot.n()),
         dq_(q_),
         ddq_(q_),
+        dddq_(q_),
         tau_(q_) {
     move_to(path.begin());
     centre_ = inertia_.p_C;
@@ -47,20 +48,25 @@ class Course {
     return described(t, t > before.t ? step(before.attitude, rate_at(before.t), before.t, t).Q : before.attitude);
   }
 
-  /// The largest torques of the motors.
-  std::vector<trajectory::Peak> torques() {
-    std::vector<trajectory::Peak> peaks(static_cast<std::size_t>(tau_.size()));
-    for (const BaseAt& b : grid_) {
+  /// The largest torques of the motors, and the integrals.
+  void torques(Reaction& r) {
+    std::vector<trajectory::Peak>& peaks = r.torques;
+    peaks.resize(static_cast<std::size_t>(tau_.size()));
+    for (std::size_t k = 0; k < grid_.size(); ++k) {
+      const BaseAt& b = grid_[k];
+      const double dt = 0.5 * (grid_[std::min(k + 1, grid_.size() - 1)].t - grid_[k > 0 ? k - 1 : 0].t);  // trapezoids
       move_to(b.t);
+      r.jerk += dt * dddq_.squaredNorm();
       robot::reduced_inverse_dynamics(mechanism_, data_, inertia_, q_, dq_, ddq_, b.attitude.conjugate() * options_.spin,
                                       Wrench::Zero(), tau_);
       for (std::size_t joint = 0; joint < peaks.size(); ++joint) {
         const auto j = static_cast<Eigen::Index>(joint);
         const double tau = tau_[j] + optimisation::drive_torque(options_.drives, joint, dq_[j], ddq_[j]);
         if (std::abs(tau) > std::abs(peaks[joint].value)) peaks[joint] = {tau, b.t};
+        r.torque += dt * tau * tau;
+        r.work += dt * std::max(tau * dq_[j], 0.0);
       }
     }
-    return peaks;
   }
 
  private:
@@ -76,7 +82,7 @@ class Course {
 
   void move_to(double t) {
     const auto span = [](Eigen::VectorXd& x) { return std::span(x.data(), static_cast<std::size_t>(x.size())); };
-    path_.at(std::min(t, path_.end()), span(q_), span(dq_), span(ddq_));
+    path_.at(std::min(t, path_.end()), span(q_), span(dq_), span(ddq_), span(dddq_));
     robot::floating_inertia(mechanism_, data_, q_, inertia_);
   }
   Rate rate_at(double t) {
@@ -150,7 +156,7 @@ class Course {
   robot::FloatingMechanism mechanism_;
   robot::FloatingData data_;
   robot::FloatingInertia inertia_;
-  Eigen::VectorXd q_, dq_, ddq_, tau_;
+  Eigen::VectorXd q_, dq_, ddq_, dddq_, tau_;
   Vector3d centre_;  // of mass at the beginning
   std::vector<BaseAt> grid_;
 };
@@ -166,7 +172,7 @@ Reaction reaction(const robot::RobotModel& robot, const trajectory::Path& path, 
   r.most_turned = largest(course.grid(), at, [](const BaseAt& b) { return b.turn; });
   r.fastest = largest(course.grid(), at, [](const BaseAt& b) { return b.rate.norm(); });
   r.farthest = largest(course.grid(), at, [](const BaseAt& b) { return b.displacement.norm(); });
-  r.torques = course.torques();
+  course.torques(r);
   const double T = path.end() - path.begin();
   for (std::size_t i = 0; i < o.samples; ++i)
     r.series.push_back(course.at(path.begin() + T * static_cast<double>(i) / static_cast<double>(o.samples - 1)));

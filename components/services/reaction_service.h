@@ -32,6 +32,7 @@ struct Reaction {
   BaseAt most_turned, fastest, farthest;
   std::optional<BaseAt> drift;            // with momentum: the end if the joints stood still in the first posture
   std::vector<trajectory::Peak> torques;  // of largest magnitude, per joint, N m or N
+  double torque = 0, work = 0, jerk = 0;  // ∫ Σ τ² dt, ∫ Σ max(τ q̇, 0) dt in J, and ∫ Σ (d³q/dt³)² dt
   std::vector<BaseAt> series;
 };
 

@@ -10,14 +10,34 @@
 
 namespace cotwin::master {
 
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+/// Postures over time as CSV.
+std::string table_of(const Json& motion) {
+  const Json &times = motion["t_s"], &rows = motion.contains("q") ? motion["q"] : motion.value("q_rad", Json());
+  if (!times.is_array() || !rows.is_array() || rows.empty() || rows.size() != times.size())
+    throw Error("motion", "lacks a posture per time, expected those of a reply");
+  std::string table = "t";
+  for (std::size_t j = 0; j < rows[0].size(); ++j) table += ",q[" + std::to_string(j + 1) + "]";
+  for (std::size_t k = 0; k < rows.size(); ++k) {
+    table += "\n" + times[k].dump();
+    for (const Json& value : rows[k]) table += "," + value.dump();
+  }
+  return table + "\n";
+}
+
+}  // namespace
+
 std::string motion_file(const std::string& motion) {
-  using Json = nlohmann::ordered_json;
   Json object;
   try {
     object = Json::parse(motion);
   } catch (const nlohmann::json::exception& e) {
     throw Error("motion", std::string("is not JSON: ") + e.what());
   }
+  if (object.is_object() && object.contains("t_s")) return table_of(object);
   ParameterSet set;
   if (!object.is_object() || !object.contains("unit") || !object["unit"].is_string() || !object.contains("T_s") ||
       !object["T_s"].is_number())

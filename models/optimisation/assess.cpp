@@ -56,6 +56,37 @@ const char* to_text(Status status) {
   return status == Status::kFeasible ? "feasible" : status == Status::kBestEffort ? "best-effort" : "infeasible";
 }
 
+Judgement judge(const robot::RobotModel& robot, const Bounds& b, const trajectory::Path& path,
+                std::span<const trajectory::Peak> torques) {
+  Judgement judgement;
+  judgement.worst = 1 + 1e-9;
+  for (std::size_t j = 0; j < torques.size(); ++j) {
+    for (int r = 0; r < 5; ++r) {
+      const double high = (r == 0 ? b.q_max : r == 1 ? b.dq : r == 2 ? b.ddq : r == 3 ? b.dddq : b.tau)[j];
+      Peak peak;
+      if (r < 4) {
+        peak = peak_of(path.range(j, r), r == 0 ? b.q_min[j] : -high, high);
+      } else {
+        peak.value = torques[j].value;
+        peak.t = torques[j].t;
+        peak.limit = std::copysign(high, peak.value);
+        peak.share = std::abs(peak.value) / high;
+      }
+      peak.bound = kNames[r];
+      peak.joint = j;
+      judgement.peaks.push_back(peak);
+      const bool finite = std::isfinite(peak.value) && !std::isnan(peak.share);
+      if (std::isinf(judgement.worst) || (finite && peak.share <= judgement.worst)) continue;
+      judgement.worst = finite ? peak.share : std::numeric_limits<double>::infinity();
+      const robot::Joint& joint = robot.joints[j];
+      const char* unit = (joint.type == robot::JointType::kRevolute ? kRevolute : kPrismatic)[r];
+      judgement.reason = "joint " + joint.name + ": " + peak.bound + " = " + text::to_text(peak.value, 6) + " " + unit +
+                         " at " + text::to_text(peak.t, 4) + " s, bound " + text::to_text(peak.limit, 6) + " " + unit;
+    }
+  }
+  return judgement;
+}
+
 Solution assess(const Problem& problem, std::span<const double> c, std::span<const double> q_to, double T,
                 std::span<const ComplianceValues> compliance) {
   Problem dense = problem;
@@ -80,7 +111,7 @@ Solution assess(const Problem& problem, std::span<const double> c, std::span<con
     const double own[] = {compliance[k].M, compliance[k].D, compliance[k].S};
     for (std::size_t i = 0; i < 3; ++i) motions.compliance[(3 * k + i) * kLanes] = own[i];
   }
-  std::vector<Peak> torques(n);
+  std::vector<trajectory::Peak> torques(n);
   const auto scratch = evaluator.scratch();
   Values values = evaluator.values();
   evaluator.evaluate(motions, *scratch, values, true,
@@ -116,35 +147,10 @@ Solution assess(const Problem& problem, std::span<const double> c, std::span<con
   }
   solution.path = trajectory::Path(n, {0, T}, problem.degree, std::move(control));
 
-  const Bounds& b = problem.bounds;
-  for (std::size_t j = 0; j < n; ++j) {
-    for (int r = 0; r < 5; ++r) {
-      const double high = (r == 0 ? b.q_max : r == 1 ? b.dq : r == 2 ? b.ddq : r == 3 ? b.dddq : b.tau)[j];
-      Peak peak;
-      if (r < 4) {
-        peak = peak_of(solution.path.range(j, r), r == 0 ? b.q_min[j] : -high, high);
-      } else {
-        peak = torques[j];
-        peak.limit = std::copysign(high, peak.value);
-        peak.share = std::abs(peak.value) / high;
-      }
-      peak.bound = kNames[r];
-      peak.joint = j;
-      solution.peaks.push_back(peak);
-    }
-  }
-  double worst = 1 + 1e-9;
-  for (const Peak& peak : solution.peaks) {
-    const bool finite = std::isfinite(peak.value) && !std::isnan(peak.share);
-    if (finite && peak.share <= worst) continue;
-    worst = finite ? peak.share : std::numeric_limits<double>::infinity();
-    const std::size_t order = static_cast<std::size_t>(std::find(kNames, kNames + 5, peak.bound) - kNames);
-    const robot::Joint& joint = problem.robot.joints[peak.joint];
-    const char* unit = (joint.type == robot::JointType::kRevolute ? kRevolute : kPrismatic)[order];
-    solution.reason = "joint " + joint.name + ": " + peak.bound + " = " + text::to_text(peak.value, 6) + " " + unit + " at " +
-                      text::to_text(peak.t, 4) + " s, bound " + text::to_text(peak.limit, 6) + " " + unit;
-    if (!finite) break;
-  }
+  Judgement judgement = judge(problem.robot, problem.bounds, solution.path, torques);
+  double worst = judgement.worst;
+  solution.peaks = std::move(judgement.peaks);
+  solution.reason = std::move(judgement.reason);
   if (!std::isfinite(solution.cost) && std::isfinite(worst)) {
     worst = std::numeric_limits<double>::infinity();
     solution.reason = "the cost " + text::to_text(solution.cost) + " is not finite";

@@ -60,6 +60,16 @@ struct Peak {
   double share = 0;  // of the bound that is used: 1 at the bound; of positions from the middle of the range
 };
 
+/// The peaks of each joint of a motion, for q, dq, ddq, dddq and tau, against bounds.
+struct Judgement {
+  std::vector<Peak> peaks;
+  double worst = 0;    // the largest share, at least 1 + 1e-9; +∞ with values that are not finite
+  std::string reason;  // the joint, the time and the bound that is violated most; empty if none is
+};
+/// `torques`: the largest of each joint.
+Judgement judge(const robot::RobotModel& robot, const Bounds& bounds, const trajectory::Path& path,
+                std::span<const trajectory::Peak> torques);
+
 /// A motion that was found.
 struct Solution {
   Status status = Status::kInfeasible;

@@ -19,6 +19,7 @@ Json answer_energy(const Robot&, Reader&, const Context&);
 Json answer_effective_mass(const Robot&, Reader&, const Context&);
 Json answer_safety(const Robot&, Reader&, const Context&);
 Json answer_reaction(const Robot&, Reader&, const Context&);
+Json answer_reactionless(const Robot&, Reader&, const Context&);
 Json answer_optimise(const Robot&, Reader&, const Context&);
 Json answer_verify(const Robot&, Reader&, const Context&);
 

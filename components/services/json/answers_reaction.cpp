@@ -2,8 +2,12 @@
 #include <cmath>
 
 #include "components/services/json/answers.h"
+#include "components/services/json/end_pose_json.h"
 #include "components/services/reaction_service.h"
 #include "models/foundation/support/text.h"
+#include "models/optimisation/reactionless/reactionless.h"
+#include "models/robot/floating_base.h"
+#include "models/robot/frame_kinematics.h"
 #include "models/trajectory/series/series.h"
 
 namespace cotwin::services {
@@ -117,26 +121,57 @@ Json series_of(const std::vector<BaseAt>& all) {
 }
 
 /// The verdict: bounds of position and its derivatives as on a fixed base, torques as on the floating one.
-void judge(const Robot& robot, const Move& m, optimisation::Solution s, const Reaction& reaction, Detail detail, Json& reply) {
-  const std::vector<double> limits = optimisation::bounds_of(robot.model, m.bounds).tau;
-  const optimisation::Peak* worst = nullptr;
-  for (optimisation::Peak& peak : s.peaks) {
-    if (peak.bound != "tau") continue;
-    const trajectory::Peak& torque = reaction.torques[peak.joint];
-    peak = {peak.bound, peak.joint, torque.value, torque.t, limits[peak.joint], std::abs(torque.value) / limits[peak.joint]};
-    if (!worst || peak.share > worst->share) worst = &peak;
+void add_verdict(const Robot& robot, const optimisation::Judgement& found, Detail detail, Json& reply) {
+  reply["feasible"] = found.reason.empty();
+  reply["reason"] = found.reason;
+  reply["limiting"] = limiting_of(robot.model, found.peaks);
+  if (detail >= Detail::kMargins) reply["joints"] = peaks_of(robot.model, found.peaks);
+}
+
+Json costs_of(const Reaction& r) {
+  return {{"torque_squared_integral", r.torque}, {"work_J", r.work}, {"jerk_squared_integral", r.jerk}};
+}
+
+void add_reaction(const Reaction& found, const ReactionOptions& o, Detail detail, Json& reply) {
+  reply["mass_kg"] = found.mass;
+  reply["momentum"] = {{"linear_Ns", array_of(o.momentum)}, {"angular_Nms", array_of(o.spin)}};
+  reply["end"] = place(found.end);
+  reply["worst"] = {
+      {"turn", place(found.most_turned)}, {"rate", place(found.fastest)}, {"displacement", place(found.farthest)}};
+  if (found.drift) reply["drift"] = place(*found.drift);
+  reply["costs"] = costs_of(found);
+  if (detail >= Detail::kSeries) reply["series"] = series_of(found.series);
+}
+
+/// The members "samples" and "momentum".
+ReactionOptions read_options(Reader& r, const optimisation::DriveTerms& drives) {
+  ReactionOptions o;
+  o.drives = drives;
+  o.samples = static_cast<std::size_t>(r.integer("samples", 2, kMostSamples, 101, "of the series"));
+  if (r.describes())
+    r.declare("momentum", Reader::schema_of([&](Reader& own) { read_momentum(own, o); }), false,
+              "at the start; without it none");
+  if (const Json* const momentum = r.any("momentum")) {
+    Reader own(*momentum, r.pointer("momentum"));
+    read_momentum(own, o);
   }
-  bool feasible = s.status == optimisation::Status::kFeasible;
-  if (feasible && worst && worst->share > 1 + 1e-9) {
-    feasible = false;
-    const std::string unit = JointUnits(robot.model).of(worst->joint, 4) == std::string("N") ? " N" : " N.m";
-    s.reason = "joint " + robot.model.joints[worst->joint].name + ": tau = " + text::to_text(worst->value, 6) + unit + " at " +
-               text::to_text(worst->t, 4) + " s, bound " + text::to_text(worst->limit, 6) + unit;
-  }
-  reply["feasible"] = feasible;
-  reply["reason"] = s.reason;
-  reply["limiting"] = limiting_of(robot.model, s.peaks);
-  if (detail >= Detail::kMargins) reply["joints"] = peaks_of(robot.model, s.peaks);
+  return o;
+}
+
+/// The pose that `q` has on the free base without reaction: its attitude stays, its centre of mass too.
+robot::PoseTarget pose_at(const robot::RobotModel& model, const robot::Frame& frame, const std::vector<double>& from,
+                          const std::vector<double>& to) {
+  const robot::FloatingMechanism mechanism(model);
+  robot::FloatingData data(mechanism);
+  robot::FloatingInertia inertia(model.n());
+  const auto posture = [&](const std::vector<double>& q) { return Eigen::Map<const Eigen::VectorXd>(q.data(), model.n()); };
+  robot::floating_inertia(mechanism, data, posture(from), inertia);
+  const Eigen::Vector3d centre = inertia.p_C;
+  robot::floating_inertia(mechanism, data, posture(to), inertia);
+  robot::FrameKinematics kinematics(model, frame);
+  Eigen::MatrixXd J(6, model.n());
+  const robot::FrameMotion pose = kinematics.jacobian(posture(to), J);
+  return {pose.p + centre - inertia.p_C, pose.Q};
 }
 
 }  // namespace
@@ -159,38 +194,129 @@ Json answer_reaction(const Robot& robot, Reader& r, const Context& context) {
   }
   const Detail detail = read_detail(r);
   const robot::RobotModel model = floating(robot, r);
-  ReactionOptions o;
-  o.drives = m.drives;
-  o.samples = static_cast<std::size_t>(r.integer("samples", 2, kMostSamples, 101, "of the series"));
-  if (described)
-    r.declare("momentum", Reader::schema_of([&](Reader& own) { read_momentum(own, o); }), false,
-              "at the start; without it none");
-  if (const Json* const momentum = r.any("momentum")) {
-    Reader own(*momentum, r.pointer("momentum"));
-    read_momentum(own, o);
-  }
+  const ReactionOptions o = read_options(r, m.drives);
   if (!r.finish(context)) return {};
-  optimisation::Solution s;
   Json reply;
   if (!given) {
     const bool shortest = m.T == 0;
     m.T = plan_of(robot, m).solution.T;
     if (shortest) add_notes(reply, {"T_s is the shortest duration of the robot on a fixed base, with its weight"});
-    Move kinematic = m;
-    kinematic.bounds.tau.assign(model.joints.size(), std::numeric_limits<double>::infinity());
-    s = plan(robot.model, kinematic).solution;
-    path = s.path;
+    path = plan(robot.model, m).solution.path;
   }
   const Reaction found = reaction(model, path, o);
   reply["T_s"] = path.end() - path.begin();
-  if (!given) judge(robot, m, s, found, detail, reply);
-  reply["mass_kg"] = found.mass;
-  reply["momentum"] = {{"linear_Ns", array_of(o.momentum)}, {"angular_Nms", array_of(o.spin)}};
-  reply["end"] = place(found.end);
-  reply["worst"] = {
-      {"turn", place(found.most_turned)}, {"rate", place(found.fastest)}, {"displacement", place(found.farthest)}};
-  if (found.drift) reply["drift"] = place(*found.drift);
-  if (detail >= Detail::kSeries) reply["series"] = series_of(found.series);
+  if (!given) {
+    const optimisation::Bounds bounds = optimisation::bounds_of(robot.model, m.bounds);
+    add_verdict(robot, optimisation::judge(robot.model, bounds, path, found.torques), detail, reply);
+  }
+  add_reaction(found, o, detail, reply);
+  return reply;
+}
+
+Json answer_reactionless(const Robot& robot, Reader& r, const Context& context) {
+  const Move m = read_goal(robot, r, false);
+  double T = read_duration(r);
+  const std::optional<PoseGoal> pose = read_pose_goal(r, robot.model);
+  r.declare_one_of({"to_q_rad", "to_q_deg", "to_q", "to_pose"});
+  const JointUnits units(robot.model);
+  if (!r.describes() && m.to_q.empty() && !(pose && pose->target))
+    throw RequestError(r.pointer(units.name("to_q", 0).c_str()),
+                       "is missing, expected a posture, or p_m and quaternion_wxyz in to_pose");
+  const Detail detail = read_detail(r);
+  const robot::RobotModel model = floating(robot, r);
+  const ReactionOptions o = read_options(r, m.drives);
+  optimisation::ReactionlessOptions search;
+  search.particles = r.integer("particles", 8, 10000, search.particles, "of the swarm");
+  search.rounds = r.integer("rounds", 1, 10000, search.rounds, "of the swarm");
+  search.seed = static_cast<std::uint64_t>(r.integer("seed", 0, std::numeric_limits<int>::max(), 1, "same seed, same motion"));
+  if (r.describes()) return {};
+  const std::size_t n = model.joints.size();
+  const optimisation::Bounds bounds = optimisation::bounds_of(model, m.bounds);
+  optimisation::ReactionlessProblem p;
+  p.robot = model;
+  p.q_from = m.from_q;
+  p.q_min = bounds.q_min;
+  p.q_max = bounds.q_max;
+  p.dq_max = bounds.dq;
+  if (pose) {
+    p.frame = pose->frame;
+    p.directions = pose->directions;
+    p.target = pose->target ? *pose->target : pose_at(model, pose->frame, m.from_q, m.to_q);
+  } else {
+    p.q_to = m.to_q;
+  }
+  for (const auto& [name, q] : {std::pair{"from_q", &m.from_q}, {"to_q", &p.q_to}})
+    for (std::size_t j = 0; j < q->size(); ++j)
+      if (!((*q)[j] >= p.q_min[j] && (*q)[j] <= p.q_max[j]))
+        throw RequestError(r.pointer(units.name(name, 0).c_str()) + "/" + std::to_string(j),
+                           "is " + text::to_text((*q)[j]) + ", expected " + text::to_text(p.q_min[j]) + " to " +
+                               text::to_text(p.q_max[j]) + " for joint " + model.joints[j].name);
+  for (const robot::Joint& joint : model.joints)
+    if (joint.passive)
+      throw RequestError("/robot", "has the passive joint " + joint.name + ", expected a motor at every joint");
+  if (!r.finish(context)) return {};
+
+  optimisation::ReactionlessMotion motion(p, search, context.threads);
+  trajectory::Series series;
+  trajectory::Path path;
+  Reaction found;
+  optimisation::Judgement judgement;
+  const auto run = [&](double duration, int steps, const ReactionOptions& options) {
+    series = motion.sample(duration, steps);
+    path = trajectory::interpolate(series);
+    found = reaction(model, path, options);
+    judgement = optimisation::judge(model, bounds, path, found.torques);
+  };
+  constexpr int kFewest = 1000, kMost = 20000;
+  if (T == 0) {
+    // The way does not depend on T: q̇ is proportional to 1/T, q̈ to 1/T², and so on.
+    double factor = T = 1;
+    do {
+      T = std::clamp(T * factor, kBriefest, kLongest);
+      run(T, kFewest, o);
+      factor = 0;
+      for (const optimisation::Peak& peak : judgement.peaks)
+        if (peak.bound != "q")
+          factor = std::max(factor, std::pow(peak.share, peak.bound == "dq" ? 1.0 : peak.bound == "dddq" ? 1.0 / 3 : 0.5));
+    } while (std::abs(factor - 1) > 1e-6 && T * factor > kBriefest && T * factor < kLongest);
+    if (factor == 0)
+      throw RequestError(
+          r.pointer("T_s"),
+          "is missing, and no bound limits the duration, expected it or bounds of speed, acceleration, jerk or torque");
+    T = std::min(T * (1 + 1e-4), kLongest);
+  }
+  run(T, std::clamp(static_cast<int>(std::ceil(T / 0.001 - 1e-6)), kFewest, kMost), o);
+  Json reply;
+  reply["T_s"] = T;
+  add_verdict(robot, judgement, detail, reply);
+  if (!motion.reached()) {
+    reply["feasible"] = false;
+    reply["reason"] = "the goal is not reached: " + text::to_text(motion.distance(), 3) + " m and " +
+                      text::to_text(motion.angle(), 3) + " rad are left, expected a goal within reach of the free robot";
+  }
+  reply["reactionless"] = motion.obstacle().empty();
+  reply["to_go"] = {{"distance_m", motion.distance()}, {"angle_rad", motion.angle()}};
+  const std::vector<double> last(series.x.end() - static_cast<std::ptrdiff_t>(n), series.x.end()), rest(2 * n);
+  reply[units.name("to_q", 0)] = last;
+  add_reaction(found, o, detail, reply);
+  std::vector<double> ends = m.from_q;
+  ends.insert(ends.end(), last.begin(), last.end());
+  const Reaction standard = reaction(model, trajectory::Path(n, {0, T}, ends, rest, rest), o);
+  reply["standard"] = {
+      {"turn_rad", standard.end.turn}, {"worst_turn_rad", standard.most_turned.turn}, {"costs", costs_of(standard)}};
+  if (detail == Detail::kAll) {
+    Json rows = Json::array();
+    for (std::size_t k = 0; k < series.size(); ++k)
+      rows.push_back(std::vector<double>(series.x.begin() + static_cast<std::ptrdiff_t>(k * n),
+                                         series.x.begin() + static_cast<std::ptrdiff_t>((k + 1) * n)));
+    reply["motion"] = {{"unit", "unit:motion?kind=csv"}, {"t_s", series.t}, {units.name("q", 0), rows}};
+  }
+  std::vector<std::string> notes;
+  if (!motion.obstacle().empty())
+    notes.push_back(motion.obstacle() + ": the base turns on the way, and is turned at the end as little as was found");
+  if (found.drift)
+    notes.emplace_back("the robot has momentum: its base moves as drift tells, and the goal is where it would be without it");
+  add_notes(reply, notes);
   return reply;
 }
 

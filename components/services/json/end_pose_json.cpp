@@ -40,14 +40,13 @@ std::optional<robot::PoseTarget> read_target(Reader& r) {
 
 }  // namespace
 
-std::optional<EndPose> read_end_pose(Reader& request, optimisation::Problem& problem) {
+std::optional<PoseGoal> read_pose_goal(Reader& request, const robot::RobotModel& robot) {
   std::string name;
-  robot::TaskDirections directions;
-  std::optional<robot::PoseTarget> target;
+  PoseGoal goal;
   const auto read = [&](Reader& r) {
     name = r.text("frame", "", "of the URDF; without it the end effector");
-    directions = read_directions(r);
-    target = read_target(r);
+    goal.directions = read_directions(r);
+    goal.target = read_target(r);
   };
   if (request.describes())
     request.declare(
@@ -58,29 +57,34 @@ std::optional<EndPose> read_end_pose(Reader& request, optimisation::Problem& pro
   Reader r(*given, request.pointer("to_pose"));
   read(r);
   r.finish();
+  try {
+    goal.frame = name.empty() ? robot.end_effector() : robot.frame(name);
+  } catch (const Error& e) {
+    throw RequestError(r.pointer("frame"), e.what());
+  }
+  return goal;
+}
+
+std::optional<EndPose> read_end_pose(Reader& request, optimisation::Problem& problem) {
+  const std::optional<PoseGoal> goal = read_pose_goal(request, problem.robot);
+  if (!goal) return {};
   EndPose end;
-  if (target) end.target = *target;
+  if (goal->target) end.target = *goal->target;
 
   robot::RobotModel bounded = problem.robot;  // postures are searched within the bounds of the request
   for (std::size_t j = 0; j < bounded.joints.size(); ++j) {
     bounded.joints[j].q_min = problem.bounds.q_min[j];
     bounded.joints[j].q_max = problem.bounds.q_max[j];
   }
-  const robot::Frame* frame = nullptr;
-  try {
-    frame = name.empty() ? &bounded.end_effector() : &bounded.frame(name);
-  } catch (const Error& e) {
-    throw RequestError(r.pointer("frame"), e.what());
-  }
-  end.kinematics = std::make_unique<robot::InverseKinematics>(bounded, *frame, directions);
+  end.kinematics = std::make_unique<robot::InverseKinematics>(bounded, goal->frame, goal->directions);
   end.has_freedom = end.kinematics->n() > end.kinematics->rows();
   if (end.kinematics->n() > end.kinematics->rows() + 1)
-    throw RequestError(r.pointer("directions"),
+    throw RequestError(request.pointer("to_pose") + "/directions",
                        "leaves " + std::to_string(end.kinematics->n() - end.kinematics->rows()) +
                            " directions of the joints free, expected at most one: more directions, or locked_q");
   const Eigen::Map<const Eigen::VectorXd> q(problem.ends.q_to.data(), problem.robot.n());
-  if (!target) {
-    robot::FrameKinematics kinematics(bounded, *frame);
+  if (!goal->target) {
+    robot::FrameKinematics kinematics(bounded, goal->frame);
     Eigen::MatrixXd J(6, problem.robot.n());
     const robot::FrameMotion pose = kinematics.jacobian(q, J);
     end.target = {pose.p, pose.Q};

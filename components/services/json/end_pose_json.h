@@ -7,6 +7,14 @@
 
 namespace cotwin::services {
 
+/// The member "to_pose" as it is given.
+struct PoseGoal {
+  robot::Frame frame;
+  robot::TaskDirections directions;
+  std::optional<robot::PoseTarget> target;  // without it the pose at to_q
+};
+std::optional<PoseGoal> read_pose_goal(Reader& request, const robot::RobotModel& robot);
+
 /// The goal of a motion whose end posture is searched: all postures that reach a pose of a frame.
 struct EndPose {
   std::unique_ptr<robot::InverseKinematics> kinematics;

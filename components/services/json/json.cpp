@@ -27,6 +27,8 @@ constexpr Service kServices[] = {
      answer_effective_mass},
     {"safety", "Speeds of a frame against limits of body parts (ISO/TS 15066). Not a proof of safety.", answer_safety},
     {"reaction", "What a motion does to the free base of a robot: its turn, rate and displacement (V-C).", answer_reaction},
+    {"reactionless", "A motion to a posture or pose that does not turn the free base of a robot, and what it costs (V-C).",
+     answer_reactionless},
     {"throughput", "Time of a cycle and moves per hour when a compliance M x'' + D x' + S x must settle after the move.",
      answer_throughput},
     {"optimise", "The better motion: redundant coefficients and duration of least cost within the bounds.", answer_optimise},

@@ -150,7 +150,7 @@ void refuse_degrees(const robot::RobotModel& robot, Reader& r, const std::string
 
 }  // namespace
 
-Move read_move(const Robot& robot, Reader& r, bool timed) {
+Move read_goal(const Robot& robot, Reader& r, bool posture) {
   constexpr double kNone = std::numeric_limits<double>::infinity();
   const JointUnits units(robot.model);
   const std::size_t n = robot.model.joints.size();
@@ -158,26 +158,21 @@ Move read_move(const Robot& robot, Reader& r, bool timed) {
   if (r.gives("from"))
     throw RequestError(r.pointer("from"), "is given, expected " + units.name("from_q", 0) +
                                               " with a posture, or \"run\" in a request to the gateway of a run");
-  for (auto& [plain, q, what] :
-       {std::tuple{"from_q", &m.from_q, "posture at the start"}, {"to_q", &m.to_q, "posture at the end"}}) {
-    *q = units.read(r, plain, 0, false, what);
-    if (q->size() != n)
+  for (auto& [plain, q, what, optional] :
+       {std::tuple{"from_q", &m.from_q, "posture at the start", false}, {"to_q", &m.to_q, "posture at the end", !posture}}) {
+    *q = units.read(r, plain, 0, optional, what);
+    if (q->size() != n && !(optional && q->empty()))
       throw RequestError(r.pointer(units.name(plain, 0).c_str()),
                          "has " + std::to_string(q->size()) + " values, expected " + std::to_string(n) + ", one per joint");
   }
   r.declare_one_of({"from_q_rad", "from_q_deg", "from_q"});
-  r.declare_one_of({"to_q_rad", "to_q_deg", "to_q"});
+  if (posture) r.declare_one_of({"to_q_rad", "to_q_deg", "to_q"});
   bool own_limits = false;
   for (const char* name : {"q_min", "q_min_rad", "q_min_deg", "q_max", "q_max_rad", "q_max_deg"})
     own_limits = own_limits || r.gives(name);
   for (const auto& [plain, q] : {std::pair{"from_q", &m.from_q}, {"to_q", &m.to_q}})
-    if (!own_limits && !r.gives((std::string(plain) + "_deg").c_str())) refuse_degrees(robot.model, r, plain, *q);
-  if (timed) m.T = r.duration("T_s", 0, "duration; without it the shortest one");
-  m.degree = r.integer("degree", 5, 31, 5, "of the polynomials");
-  m.c = units.read(r, "c_r", 0, true, "redundant coefficients, joint by joint, (degree - 5) each");
-  if (const std::size_t expected = n * static_cast<std::size_t>(m.degree - 5); !m.c.empty() && m.c.size() != expected)
-    throw RequestError(r.pointer(units.name("c_r", 0).c_str()), "has " + std::to_string(m.c.size()) + " values, expected " +
-                                                                    std::to_string(expected) + ": joints times (degree - 5)");
+    if (!own_limits && !q->empty() && !r.gives((std::string(plain) + "_deg").c_str()))
+      refuse_degrees(robot.model, r, plain, *q);
   constexpr const char *kBound = "bound, null: none", *kReplaced = "bound in place of the robot's, null: none";
   m.bounds.q_min = units.read_bounds(r, "q_min", 0, -kNone, kReplaced);
   m.bounds.q_max = units.read_bounds(r, "q_max", 0, kNone, kReplaced);
@@ -188,6 +183,21 @@ Move read_move(const Robot& robot, Reader& r, bool timed) {
       units.read_bounds(r, "tau_max", 4, kNone, "bound of the motors behind the gears in place of the robot's, null: none");
   if (r.word("drives", {"robot", "none"}, "whether inertia and friction of the motors count") == "robot")
     m.drives = drive_terms(robot);
+  return m;
+}
+
+double read_duration(Reader& r) { return r.duration("T_s", 0, "duration; without it the shortest one"); }
+
+Move read_move(const Robot& robot, Reader& r, bool timed) {
+  Move m = read_goal(robot, r, true);
+  const JointUnits units(robot.model);
+  if (timed) m.T = read_duration(r);
+  m.degree = r.integer("degree", 5, 31, 5, "of the polynomials");
+  m.c = units.read(r, "c_r", 0, true, "redundant coefficients, joint by joint, (degree - 5) each");
+  const std::size_t expected = robot.model.joints.size() * static_cast<std::size_t>(m.degree - 5);
+  if (!m.c.empty() && m.c.size() != expected)
+    throw RequestError(r.pointer(units.name("c_r", 0).c_str()), "has " + std::to_string(m.c.size()) + " values, expected " +
+                                                                    std::to_string(expected) + ": joints times (degree - 5)");
   return m;
 }
 

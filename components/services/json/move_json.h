@@ -32,6 +32,9 @@ class JointUnits {
   bool all_revolute_ = true;
 };
 
+/// The members of a motion of any kind from rest to rest: ends, bounds and drives. Without `posture` the end may be left out, and is empty.
+Move read_goal(const Robot& robot, Reader& r, bool posture);
+double read_duration(Reader& r);
 /// The members of a move. With `timed` T_s; else there is none. A reader that describes takes a robot without joints.
 Move read_move(const Robot& robot, Reader& r, bool timed);
 Detail read_detail(Reader& r);

@@ -44,6 +44,26 @@ Json limiting() {
 Json series() {
   return Object().must("t_s", kNumbers).must("joints", array_of(joint().like(kValueNames, kNumbers))).may("power_W", kNumbers);
 }
+Object reaction() {
+  const Json vector = kNumbers, vectors = array_of(kNumbers);
+  return Object()
+      .must("T_s", kNumber)
+      .may("limiting", limiting())
+      .may("joints", peaks())
+      .must("mass_kg", described(kNumber, "of the whole robot"))
+      .must("momentum", Object().must("linear_Ns", vector).must("angular_Nms", vector))
+      .must("end", base_at())
+      .must("worst", Object().must("turn", base_at()).must("rate", base_at()).must("displacement", base_at()))
+      .may("drift", described(base_at(), "with momentum: at the end if the joints stood still in the first posture"))
+      .must("costs", costs())
+      .may("series", Object()
+                         .must("t_s", vector)
+                         .must("turn_rad", vector)
+                         .must("quaternion_wxyz", vectors)
+                         .must("rate_rad_per_s", vectors)
+                         .must("displacement_m", vectors));
+}
+
 Json motion() {
   return Object()
       .must("unit", kText)

@@ -79,6 +79,7 @@ Json peak();
 Json peaks();
 Json limiting();
 Json series();
+Object reaction();
 Json motion();
 Json extreme();
 Json base_at();

@@ -141,24 +141,27 @@ const std::pair<const char*, Json (*)()> kReplies[] = {
      }},
     {"reaction",
      []() -> Json {
-       const Json vector = kNumbers, vectors = array_of(kNumbers);
-       return Object()
-           .must("T_s", kNumber)
+       return reaction()
            .may("feasible", described(kBoolean, "of a move: within the bounds, torques on the free base"))
-           .may("reason", kText)
-           .may("limiting", limiting())
-           .may("joints", peaks())
-           .must("mass_kg", described(kNumber, "of the whole robot"))
-           .must("momentum", Object().must("linear_Ns", vector).must("angular_Nms", vector))
-           .must("end", base_at())
-           .must("worst", Object().must("turn", base_at()).must("rate", base_at()).must("displacement", base_at()))
-           .may("drift", described(base_at(), "with momentum: at the end if the joints stood still in the first posture"))
-           .may("series", Object()
-                              .must("t_s", vector)
-                              .must("turn_rad", vector)
-                              .must("quaternion_wxyz", vectors)
-                              .must("rate_rad_per_s", vectors)
-                              .must("displacement_m", vectors));
+           .may("reason", kText);
+     }},
+    {"reactionless",
+     []() -> Json {
+       const Json of_motion = Object().must("turn_rad", kNumber).must("worst_turn_rad", kNumber).must("costs", costs());
+       return reaction()
+           .must("feasible", described(kBoolean, "reaches the goal within the bounds, torques on the free base"))
+           .must("reason", kText)
+           .must("reactionless", described(kBoolean, "false: the base turns on the way, at the end as little as was found"))
+           .must("to_go",
+                 described(Object().must("distance_m", kNumber).must("angle_rad", kNumber), "what is left to the goal"))
+           .may("to_q_rad", kNumbers)
+           .may("to_q", kNumbers)
+           .must("standard", described(of_motion, "the quintic to the same posture in the same time"))
+           .may("motion", Object()
+                              .must("unit", kText)
+                              .must("t_s", kNumbers)
+                              .may("q_rad", array_of(kNumbers))
+                              .may("q", array_of(kNumbers)));
      }},
     {"throughput",
      []() -> Json {

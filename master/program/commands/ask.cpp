@@ -114,7 +114,7 @@ Json request_of(const AskArguments& a, services::Robots& robots) {
         throw Error("--angle-unit deg", "is given for a robot with prismatic joints, expected postures in rad and m");
       if (a.angle_unit == "deg") member = name + "_deg";
       request[member] = q;
-    } else if (!request.contains("series") &&
+    } else if (!request.contains("series") && !(name == "to_q" && a.service == "reactionless" && request.contains("to_pose")) &&
                std::ranges::none_of(members, [&](const std::string& member) { return request.contains(member); })) {
       throw Error(option,
                   "is missing, expected a posture, or " + services::posture_member(robots, request, name) + " in --with");
@@ -144,24 +144,29 @@ std::string motion_of(const AskArguments& a, services::Robots& robots, Json requ
     reply = Json::parse(services::answer_object(robots, request, context));
   }
   if (!reply.contains("motion"))
-    throw Error("--motion",
-                a.service == "optimise"
-                    ? "the rule pareto replies with many motions, expected the rule weighted or lexicographic"
-                    : "the service " + a.service + " replies with no motion, expected feasibility, cycle_time or optimise");
+    throw Error("--motion", a.service == "optimise"
+                                ? "the rule pareto replies with many motions, expected the rule weighted or lexicographic"
+                                : "the service " + a.service +
+                                      " replies with no motion, expected feasibility, cycle_time, optimise or reactionless");
   return motion_file(reply["motion"].dump());
 }
 
 int ask_one(const AskArguments& a, services::Robots& robots, services::Context context) {
-  const Json request = request_of(a, robots);
-  if (a.threads != 0 && a.service != "optimise")
-    throw Error("--threads", "is given for the service " + a.service + ", which uses one thread, expected it with optimise");
+  Json request = request_of(a, robots);
+  const bool reactionless = a.service == "reactionless";
+  if (a.threads != 0 && a.service != "optimise" && !reactionless)
+    throw Error("--threads",
+                "is given for the service " + a.service + ", which uses one thread, expected it with optimise or reactionless");
+  // Only the whole reply has the motion, and it takes a search.
+  const std::string detail = request.value("detail", "");
+  if (reactionless && a.motion) request["detail"] = "all";
   std::ostringstream particles;
   if (a.particles) {
     if (a.service != "optimise")
       throw Error("--particles", "is given for the service " + a.service + ", expected it with optimise");
     context.particles = &particles;
   }
-  const Json reply = Json::parse(services::answer_object(robots, request, context));
+  Json reply = Json::parse(services::answer_object(robots, request, context));
   if (a.particles) write_file(*a.particles, particles.str());
   if (a.motion && reply.contains("feasible") && reply["feasible"] == false) {
     std::cout << reply.dump(2) << "\n";
@@ -170,6 +175,11 @@ int ask_one(const AskArguments& a, services::Robots& robots, services::Context c
     return kExitRunFailed;
   }
   if (a.motion) write_file(*a.motion, motion_of(a, robots, request, reply, context));
+  if (reactionless && detail != "all") {
+    reply.erase("motion");
+    if (detail != "series") reply.erase("series");
+    if (detail == "verdict") reply.erase("joints");
+  }
   std::cout << reply.dump(2) << "\n";
   return kExitDone;
 }
@@ -273,7 +283,8 @@ void add_ask(CLI::App& app, Chosen& chosen) {
   command->add_option("--with", a.more, "Further members of the request as a JSON object, for example {\"degree\": 9}")
       ->type_name("JSON");
   command->add_option("--detail", a.detail, "How much the reply tells: verdict, margins, series or all")->type_name("LEVEL");
-  command->add_option("--motion", a.motion, "Write the move as parameters of unit:motion (SSV)")->type_name("FILE");
+  command->add_option("--motion", a.motion, "Write the motion for unit:motion: parameters (SSV), of reactionless a table (CSV)")
+      ->type_name("FILE");
   command->add_option("--particles", a.particles, "Write all motions that optimise tries as a table (CSV)")->type_name("FILE");
   command->add_option("--file", a.files, "Files with requests in JSON: one, an array, or robots and tasks (docs/services.md)")
       ->type_name("FILE");

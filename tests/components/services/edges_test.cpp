@@ -227,6 +227,12 @@ void answers_everything(Robots& robots, const json& move, const std::string& exc
     if (service == "cycle_time" || service == "optimise") request.erase("T_s");
     if (service == "optimise")
       request.update({{"T_min_s", move.value("T_s", 1.0)}, {"particles", 8}, {"rounds", 4}, {"degree", 6}});
+    if (service == "reactionless") request.update({{"particles", 8}, {"rounds", 1}});
+    if (service == "reactionless" && request.value("to_q_rad", json::array()).size() > 1) {
+      for (std::size_t j = 0; j < request["to_q_rad"].size(); ++j)
+        request["to_q_rad"][j] = 0.9 * request["from_q_rad"][j].get<double>() + 0.1 * request["to_q_rad"][j].get<double>();
+      request["to_pose"]["directions"] = {"z"};
+    }
     request["detail"] = "all";
     const std::string text = answer(robots, request.dump(), context);
     EXPECT_THAT(text, Not(HasSubstr("nan"))) << request;

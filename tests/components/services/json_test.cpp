@@ -90,7 +90,13 @@ json lwr_move(const std::string& service) {
          {"robot", "lwr4"},
          {"from_q_rad", {0, 0.5, 0, -1, 0, 0.6, 0}},
          {"to_q_rad", {1.2, -0.2, 0.4, 0.7, -0.5, -0.3, 0.8}}};
-  if (service == "reaction") r["momentum"] = {{"angular_Nms", {0, 0, 0.1}}};
+  if (service == "reactionless")
+    r.update({{"to_q_rad", {0.05, 0.55, 0, -1.05, 0, 0.6, 0}},
+              {"to_pose", {{"directions", {"z"}}}},
+              {"base", {{"mass_kg", 100}, {"inertia_kg_m2", {9, 0, 0, 9, 0, 9}}}},
+              {"particles", 8},
+              {"rounds", 4}});
+  if (service == "reaction" || service == "reactionless") r["momentum"] = {{"angular_Nms", {0, 0, 0.1}}};
   if (service == "throughput") r.update({{"M_kg", 1}, {"S_N_per_m", {500, 1500}}, {"zeta", 1}});
   if (service == "optimise") r.update({{"T_min_s", 2}, {"degree", 7}, {"particles", 8}, {"rounds", 4}});
   return r;
@@ -142,7 +148,8 @@ TEST(ServiceSchemas, FitMovesThatAreNotPossibleAndEveryRule) {
   json timed = beyond;
   timed["T_s"] = 0.1;
   for (const std::string& service : service_names())
-    if (service != "cycle_time" && service != "optimise" && service != "verify") fits(service, timed);
+    if (service != "cycle_time" && service != "optimise" && service != "verify")
+      fits(service, service == "reactionless" ? json{{"T_s", 0.1}} : timed);
   fits("optimise", {{"T_min_s", 0.1}, {"detail", "all"}});
   const json two{{{"name", "torque"}}, {{"name", "jerk"}}};
   for (const char* rule : {"weighted", "lexicographic", "pareto"}) fits("optimise", {{"cost", two}, {"rule", rule}});

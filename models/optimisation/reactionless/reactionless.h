@@ -1,0 +1,61 @@
+#pragma once
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "models/foundation/support/threads.h"
+#include "models/robot/inverse_kinematics.h"
+#include "models/trajectory/series/series.h"
+
+/// Joint motions that do not turn a free base (V-C, Fig. 7b). Without momentum its angular velocity is ω = Z(q) q̇, so it keeps its attitude
+/// on motions within null(Z):
+///   dq/ds = Σ_j α_j(s) b_j,   α_j = Σ_k c_jk φ_k(s),   s = t/T
+/// The columns of b are orthonormal in null(Z) and carried along the motion without a turn of their own (parallel transport),
+/// db/ds = (dP/ds) b with the projector P on null(Z): b is as smooth as Z, and dq/ds is projected once more. φ_k are those of
+/// trajectory::RedundantTerms, so speed, acceleration and jerk are zero at both ends. The way q(s) does not depend on T.
+namespace cotwin::optimisation {
+
+/// From rest to rest. The base is B; B0 is B at the beginning.
+struct ReactionlessProblem {
+  robot::RobotModel robot;  // its base has a physical mass distribution
+  std::vector<double> q_from;
+  std::vector<double> q_to;  // the posture to reach; empty: any that brings `frame` to `target`
+  robot::Frame frame;
+  robot::TaskDirections directions;
+  robot::PoseTarget target;          // in B0
+  std::vector<double> q_min, q_max;  // n
+  std::vector<double> dq_max;        // n, rad/s or m/s: speeds are kept low relative to these
+};
+
+struct ReactionlessOptions {
+  int particles = 64;
+  int rounds = 60;
+  int attempts = 3;  // swarms with other seeds, until a motion reaches the goal within the limits
+  std::uint64_t seed = 1;
+};
+
+/// The way of a motion. Same problem and options: same bits on any number of threads.
+class ReactionlessMotion {
+ public:
+  /// Coefficients by the particle swarm, improved by Levenberg–Marquardt steps. Minimises the speeds; where no motion without reaction
+  /// is found, the turn of the base at the end, and less so on the way. Throws Error for sizes that do not fit.
+  ReactionlessMotion(const ReactionlessProblem& problem, const ReactionlessOptions& options, numerics::Threads* threads);
+  ~ReactionlessMotion();
+
+  /// "" for a motion without reaction, else why there is none: this one then turns the base, at the end as little as was found.
+  const std::string& obstacle() const;
+  /// What is left to the goal in its worst direction or joint, both below 1e-6 where it is reached.
+  double distance() const;  // m
+  double angle() const;     // rad
+  bool reached() const;
+  /// Postures at `steps` + 1 equidistant times in [0, T], for which the coefficients are corrected so that the end meets the goal to
+  /// 1e-9 on this grid. Changes distance() and angle().
+  trajectory::Series sample(double T, int steps);
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace cotwin::optimisation
