@@ -300,7 +300,8 @@ Json answer_reactionless(const Robot& robot, Reader& r, const Context& context) 
   reply[units.name("to_q", 0)] = last;
   add_reaction(found, o, detail, reply);
   std::vector<double> ends = m.from_q;
-  ends.insert(ends.end(), last.begin(), last.end());
+  const std::vector<double>& standard_end = m.to_q.empty() ? last : m.to_q;
+  ends.insert(ends.end(), standard_end.begin(), standard_end.end());
   const Reaction standard = reaction(model, trajectory::Path(n, {0, T}, ends, rest, rest), o);
   reply["standard"] = {
       {"turn_rad", standard.end.turn}, {"worst_turn_rad", standard.most_turned.turn}, {"costs", costs_of(standard)}};

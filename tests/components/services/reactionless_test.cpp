@@ -12,6 +12,7 @@
 #include "models/robot/floating_base.h"
 #include "models/robot/frame_kinematics.h"
 #include "tests/support/error_of.h"
+#include "tests/support/files.h"
 #include "tests/support/places.h"
 
 namespace cotwin::services::reactionless_test {
@@ -43,7 +44,7 @@ struct Reach {
       : mechanism(model), data(mechanism), inertia(model.n()), kinematics(model, model.end_effector()), J(6, model.n()) {}
   /// From q with joint speeds in null(Z) by the pseudoinverse, over a way of this length; returns the end posture.
   VectorXd integrate(VectorXd q, const VectorXd& u, const VectorXd& v, double length) {
-    constexpr int kSteps = 400;
+    constexpr int kSteps = 100;
     const auto rate = [&](const VectorXd& at, double s) {
       robot::floating_inertia(mechanism, data, at, inertia);
       const MatrixXd Z = inertia.Z();
@@ -98,6 +99,8 @@ TEST(Reactionless, ReachesPosesThatRandomMotionsInTheNullSpaceReach) {
              {"base", kBase},
              {"from_q_rad", std::vector<double>(from.begin(), from.end())},
              {"T_s", 12},
+             {"particles", 24},
+             {"rounds", 15},
              {"drives", "none"},
              {"detail", "all"},
              {"to_pose", {{"p_m", {p.x(), p.y(), p.z()}}, {"quaternion_wxyz", {end.Q.w(), end.Q.x(), end.Q.y(), end.Q.z()}}}}});
@@ -143,6 +146,58 @@ TEST(Reactionless, TakesTheShortestDurationWithinTheBoundsUnlessItIsGiven) {
   EXPECT_FALSE(shorter["feasible"].get<bool>());
   EXPECT_THAT(shorter["reason"].get<std::string>(), HasSubstr("bound"));
   EXPECT_TRUE(shorter["reactionless"].get<bool>());
+}
+
+TEST(Reactionless, KeepsTheAttitudeOfVeryLightAndVeryHeavyBases) {
+  Robots robots({robots_folder()});
+  for (const double mass : {1.0, 1e5}) {
+    json question = near_question();
+    question.update(
+        {{"T_s", 8}, {"base", {{"mass_kg", mass}, {"inertia_kg_m2", {mass / 100, 0, 0, mass / 100, 0, mass / 100}}}}});
+    const json reply = ask(robots, question);
+    EXPECT_TRUE(reply["reactionless"].get<bool>()) << reply["notes"];
+    EXPECT_LT(reply["to_go"]["distance_m"].get<double>(), 1e-9);
+    EXPECT_LT(reply["worst"]["turn"]["turn_rad"].get<double>(), 1e-12);
+    EXPECT_GT(reply["standard"]["turn_rad"].get<double>(), 1e-4);
+  }
+}
+
+/// The URDF of a robot with the arm of `satellite` twice, with "left_" and "right_" before the names of joints and links.
+std::string with_two_arms(const std::string& satellite) {
+  const std::size_t first = satellite.find("<joint"), end = satellite.rfind("</robot>");
+  std::string two = satellite.substr(0, first);
+  for (const auto& [side, place] : {std::pair{"left", "0 0.4 0"}, {"right", "0 -0.4 0"}}) {
+    std::string arm = satellite.substr(first, end - first);
+    for (const std::string word : {"\"joint_", "\"link_"})
+      for (std::size_t at = 0; (at = arm.find(word, at)) != std::string::npos; at += word.size())
+        arm.insert(at + 1, std::string(side) + "_");
+    const std::string origin = "xyz=\"0 0 0\"";
+    two += arm.replace(arm.find(origin), origin.size(), std::string("xyz=\"") + place + "\"");
+  }
+  return two + "</robot>\n";
+}
+
+TEST(Reactionless, LetsOneArmWorkWhileTheOtherBalances) {
+  const testing::TemporaryFolder folder("two_arms");
+  folder.write("two.urdf", with_two_arms(testing::content(places::source() + "/examples/21_reaction/satellite.urdf")));
+  Robots robots({folder.path()});
+  json locked;
+  for (const char* joint : {"left_joint_3", "left_joint_5", "left_joint_7", "right_joint_3", "right_joint_5", "right_joint_7"})
+    locked[joint] = 0;
+  const json reply = ask(robots, {{"service", "reactionless"},
+                                  {"robot", "two"},
+                                  {"locked_q", locked},
+                                  {"from_q_rad", {0, 0.3, -1.2, 0.9, 0, 0.3, -1.2, 0.9}},
+                                  {"to_q_rad", {0.6, 0.6, -0.8, 0.2, 0, 0.3, -1.2, 0.9}},
+                                  {"to_pose", {{"frame", "left_link_7"}, {"directions", {"x", "y", "z"}}}},
+                                  {"T_s", 8},
+                                  {"particles", 16},
+                                  {"rounds", 10}});
+  ASSERT_TRUE(reply["reactionless"].get<bool>()) << reply["notes"];
+  EXPECT_TRUE(reply["feasible"].get<bool>()) << reply["reason"];
+  EXPECT_LT(reply["to_go"]["distance_m"].get<double>(), 1e-9);
+  EXPECT_LT(reply["worst"]["turn"]["turn_rad"].get<double>(), 1e-12);
+  EXPECT_GT(reply["standard"]["turn_rad"].get<double>(), 0.09);
 }
 
 TEST(Reactionless, SaysWhyThereIsNoneAndTurnsTheBaseLittleAtTheEnd) {
