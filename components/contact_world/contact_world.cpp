@@ -74,6 +74,7 @@ ContactWorld::ContactWorld(Settings& settings)
     put_quaternion(body.X_WB.R, made->quat0);
     bodies_.push_back(std::move(made));
   }
+  latches_ = LatchPort::read(place_, settings.text("latches"), cell_);
   check_names();
   contact_p_.resize(3 * shown_);
   contact_f_.resize(3 * shown_);
@@ -98,6 +99,7 @@ void ContactWorld::check_names() const {
     if (!robot->prefix.empty()) take(robot->prefix, "robot '" + robot->placed->name + "'");
   }
   for (const auto& body : bodies_) take(body->prefix, "body '" + cell_.scene.bodies[body->index].name + "'");
+  for (const LatchPort& latch : latches_) take(latch.name() + ".", "latch '" + latch.name() + "'");
 }
 
 void ContactWorld::build() {
@@ -128,6 +130,13 @@ void ContactWorld::build() {
       scene.joints[joint].q_min = -scene::kInfinity;
       scene.joints[joint].q_max = scene::kInfinity;
     }
+  }
+  for (const LatchPort& latch : latches_) {
+    latch.add(scene, [&](const LatchPort::End& end) {
+      if (end.robot < 0) return end.body;
+      const Assembled& parts = robots_[static_cast<std::size_t>(end.robot)]->parts;
+      return static_cast<int>(end.body < 0 ? parts.base : parts.bodies[static_cast<std::size_t>(end.body)]);
+    });
   }
   note_limits(scene);
   options_.iterations = iterations_;
@@ -233,7 +242,7 @@ void ContactWorld::initialise(Time start) {
   h_before_ = 0;
   largest_swing_ = 0;
   unsolved_time_ = largest_unsolved_ = 0;
-  write_outputs(0);
+  write_outputs(start.seconds(), 0);
 }
 
 /// Adds or removes the shapes of the robot's tools: those in force that are there, or all.
@@ -322,9 +331,10 @@ StepResult ContactWorld::step(Time now, Duration duration) {
       world_->set_twist(b->index, V);
     }
   }
+  for (std::size_t i = 0; i < latches_.size(); ++i) latches_[i].follow(place_, *world_, i, now.seconds());
   world_->step(h);
   h_before_ = h;
-  write_outputs(h);
+  write_outputs((now + duration).seconds(), h);
   const std::string fault = world_->fault(joint_gap_limit_, energy_limit_);
   if (!fault.empty()) throw Error(place_, "at " + text::to_text((now + duration).seconds()) + " s " + fault);
   return StepResult::kDone;
@@ -383,7 +393,7 @@ void ContactWorld::add_contact(int body, const Eigen::Vector3d& p_W, const Eigen
   }
 }
 
-void ContactWorld::write_outputs(double h) {
+void ContactWorld::write_outputs(double now, double h) {
   for (const auto& robot : robots_) write_robot(*robot, h);
   for (const auto& body : bodies_) {
     Body& b = *body;
@@ -418,6 +428,13 @@ void ContactWorld::write_outputs(double h) {
     contact_bodies_[2 * i] = point.body_a + 1;
     contact_bodies_[2 * i + 1] = point.body_b + 1;
   }
+  for (std::size_t i = 0; i < latches_.size(); ++i) {
+    const Latch& latch = world_->latches()[i];
+    latches_[i].write(latch, now, h);
+    if (!latches_[i].bears()) continue;
+    add_latch(latch.joint.child, latch.joint.p_child, latches_[i].wrench());
+    add_latch(latch.joint.parent, latch.joint.p_child, -latches_[i].wrench());
+  }
   const Status& status = world_->status();
   contacts_ = static_cast<std::int32_t>(points.size());
   used_iterations_ = status.iterations;
@@ -439,6 +456,7 @@ void ContactWorld::write_outputs(double h) {
 void ContactWorld::append_notes(std::vector<std::string>& notes) const {
   notes.insert(notes.end(), beyond_limits_.begin(), beyond_limits_.end());
   for (const auto& body : bodies_) body->foundation.append_notes(notes);
+  for (const LatchPort& latch : latches_) latch.append_notes(place_, notes);
   if (world_->forgotten_dents() > 0) {
     notes.push_back(std::to_string(world_->forgotten_dents()) +
                     " dents were forgotten, expected more than dents=" + std::to_string(options_.dents));

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "components/contact_world/engine/world.h"
+#include "components/contact_world/latches.h"
 #include "components/unit/settings.h"
 #include "components/unit/unit.h"
 #include "models/scene/cell.h"
@@ -65,8 +66,9 @@ class ContactWorld final : public Unit {
   void apply_last_torque(Robot& robot);
   void drive(Robot& robot, double h);
   void compute_mobility(Robot& robot);
-  void write_outputs(double h);
+  void write_outputs(double now, double h);
   void write_robot(Robot& robot, double h);
+  void add_latch(int body, const Eigen::Vector3d& p_W, const Wrench& F);
   void add_contact(int body, const Eigen::Vector3d& p_W, const Eigen::Vector3d& f_W);
 
   std::string place_;  // name of the unit, for messages
@@ -78,6 +80,7 @@ class ContactWorld final : public Unit {
   std::size_t shown_;  // number of contact points that are outputs
   std::vector<std::unique_ptr<Robot>> robots_;
   std::vector<std::unique_ptr<Body>> bodies_;
+  std::vector<LatchPort> latches_;
   std::unique_ptr<World> world_;
   std::vector<double> built_from_;  // the parameters that world_ was built from
 

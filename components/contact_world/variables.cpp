@@ -19,6 +19,10 @@ void ContactWorld::declare_settings(SettingList& s) {
   s.integer("contacts", 256, 1, 1000000, "number of contact points that a step takes without allocating memory");
   s.integer("points", 8, 0, 1000, "number of contact points that are outputs");
   s.text("maximal", "", "with link_side=inside: names of robots, separated by commas, that this unit integrates all the same");
+  s.text("latches", "",
+         "connections that close and open, each name|frame|frame, separated by semicolons; a frame is ROBOT/FRAME (FRAME of a "
+         "single "
+         "robot), BODY or BODY/FRAME of the scene");
   s.integer("dents", 64, 1, 100000,
             "number of places where a surface that yields remembers its dents, then the oldest is forgotten");
 }
@@ -48,7 +52,7 @@ void ContactWorld::declare_robot(Variables& v, Robot& r) {
   }
   joints
       .output(x + "tau_e", r.tau_e, "N.m",
-              "external joint torque in (2a), mean over the step: J^T F of the contacts, and tau_other")
+              "external joint torque in (2a), mean over the step: J^T F of the contacts and latches, and tau_other")
       .discrete()
       .initially_from(torque ? std::vector{x + "tau_other"} : std::vector<std::string>{});
   joints.output(x + "q_link", r.q_link, "rad",
@@ -84,7 +88,8 @@ void ContactWorld::declare_robot(Variables& v, Robot& r) {
     v.input(x + "base_quat", r.base_quat, "1", "its orientation in W, unit quaternion (w, x, y, z)").essential();
     v.input(x + "base_v", r.base_v, "m/s", "velocity of its origin in W");
     v.input(x + "base_w", r.base_w, "rad/s", "its angular velocity in W");
-    v.output(x + "base_f", r.base_f, "N", "sum of the contact forces on base and links, in W, mean over the step")
+    v.output(x + "base_f", r.base_f, "N",
+             "sum of the forces of contacts and latches on base and links, in W, mean over the step")
         .discrete()
         .initially_from({});
     v.output(x + "base_m", r.base_m, "N.m", "their moment about the base's origin, in W").discrete().initially_from({});
@@ -176,6 +181,7 @@ void ContactWorld::declare(Variables& v) {
     if (body->foundation.any()) body->foundation.declare_state(v, body->prefix);
   }
   v.state("largest_swing", largest_swing_, "1", "largest contact_swing since the start");
+  for (LatchPort& latch : latches_) latch.declare(v);
   if (actuation_ == Actuation::kPrescribed) return;
   for (const auto& robot : robots_) {
     const JointMeasures measures(&robot->placed->model);

@@ -58,4 +58,15 @@ void add_joint_torques(const robot::RobotModel& robot, std::span<const Pose> X_W
   }
 }
 
+void add_joint_torques(const robot::RobotModel& robot, std::span<const Pose> X_WL, int body, const Eigen::Vector3d& p_W,
+                       const Wrench& F_W, std::span<double> tau) {
+  add_joint_torques(robot, X_WL, body, p_W, Eigen::Vector3d(F_W.head<3>()), tau);
+  for (int i = body; i >= 0; i = robot.joint_of(i).parent) {
+    const auto k = static_cast<std::size_t>(i);
+    if (robot.joint_of(i).type == robot::JointType::kRevolute)
+      tau[static_cast<std::size_t>(robot.leader_of(i))] +=
+          rate_of(robot, k) * (X_WL[k].R * robot.joint_of(i).axis).dot(F_W.tail<3>());
+  }
+}
+
 }  // namespace cotwin::scene

@@ -22,4 +22,8 @@ double rate_of(const robot::RobotModel& robot, std::size_t body);
 void add_joint_torques(const robot::RobotModel& robot, std::span<const Pose> X_WL, int body, const Eigen::Vector3d& p_W,
                        const Eigen::Vector3d& f_W, std::span<double> tau);
 
+/// The same of a wrench.
+void add_joint_torques(const robot::RobotModel& robot, std::span<const Pose> X_WL, int body, const Eigen::Vector3d& p_W,
+                       const Wrench& F_W, std::span<double> tau);
+
 }  // namespace cotwin::scene

@@ -102,12 +102,23 @@ struct Gear {
   friend bool operator==(const Gear&, const Gear&) = default;
 };
 
+/// A named frame on a body, of an SDF scene: frame, MODEL.frame.
+struct Frame {
+  std::string name;
+  int body = -1;  // −1: the world
+  Pose X_BF;
+
+  friend bool operator==(const Frame&, const Frame&) = default;
+};
+
 struct Scene {
   std::string name;
   Eigen::Vector3d gravity{0, 0, -9.81};  // m/s² in W
   std::vector<Body> bodies;
   std::vector<Joint> joints;
   std::vector<Gear> gears;
+  std::vector<Frame> frames;
+  std::vector<Joint> latches;                   // of type kFixed; open at the start
   std::vector<std::pair<int, int>> no_contact;  // pairs of bodies without contacts, besides bodies connected by a joint
 
   friend bool operator==(const Scene&, const Scene&) = default;

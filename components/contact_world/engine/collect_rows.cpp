@@ -24,6 +24,7 @@ void World::Impl::collect_rows(Stage stage, double h) {
   row_origin.clear();
   for (const LooseJoint& one : loose) collect_joint(one, stage, h);
   for (const scene::Gear& gear : scene.gears) collect_gear(gear, stage, h);
+  for (std::size_t i = 0; i < latches.size(); ++i) collect_latch(i, stage, h);
   for (std::size_t t = 0; t < touches.size(); ++t) collect_contact(t, stage, h);
 }
 

@@ -162,8 +162,10 @@ void World::Impl::account_stage(Stage stage, double h) {
     return body < 0 ? Vector3d(Vector3d::Zero()) : Vector3d((starts[index(body)].w + bodies[index(body)].w) / 2);
   };
   for (const BoxRow& row : rows.boxes()) {
-    if (row_origin[index(row.origin)].joint < 0) guard.passive += row.x * row.m.dot(mean_spin(row.b) - mean_spin(row.a));
+    const RowOrigin& origin = row_origin[index(row.origin)];
+    if (origin.joint < 0 && origin.latch < 0) guard.passive += row.x * row.m.dot(mean_spin(row.b) - mean_spin(row.a));
   }
+  account_latches();
   for (std::size_t b = 0; b < bodies.size(); ++b) {
     const RigidBody& body = bodies[b];
     if (!body.dynamic()) continue;

@@ -42,6 +42,7 @@ struct BoxRow {
   double A = 0, inverse_A = 0;
   double regular = 0;  // regularisation, part of the softness
   bool redundant = false;
+  bool exact = false;  // its island is pivoted, because sweeps of stiff rows converge slowly
   Side side[2];
   int origin = 0;  // index in the order of addition
   int island = 0;

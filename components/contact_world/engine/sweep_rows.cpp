@@ -447,7 +447,13 @@ void Rows::clear_changes(const Island& island) {
 
 Rows::Outcome Rows::sweep(int iterations, double tolerance, double rest) {
   Outcome all;
-  for (const Island& island : islands_) all.add(sweep(island, iterations, tolerance, rest, Residual::kOfMovingContacts));
+  for (const Island& island : islands_) {
+    bool exact = false;
+    for (std::size_t i = island.first_box; i < island.end_box; ++i) exact = exact || boxes_[i].exact;
+    exact = exact && rows_of(island) <= kRowsToPivot;
+    all.add(exact ? pivot(island, iterations, tolerance, rest)
+                  : sweep(island, iterations, tolerance, rest, Residual::kOfMovingContacts));
+  }
   return all;
 }
 

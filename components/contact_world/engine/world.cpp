@@ -21,10 +21,11 @@ std::vector<RigidBody> rigid_bodies(const scene::Scene& scene) {
   return bodies;
 }
 
-std::vector<Joint> joints_of(const scene::Scene& scene, std::span<const RigidBody> bodies) {
-  std::vector<Joint> joints;
-  joints.reserve(scene.joints.size());
-  for (const scene::Joint& joint : scene.joints) joints.emplace_back(joint, bodies);
+template <class T>
+std::vector<T> joints_of(std::span<const scene::Joint> from, std::span<const RigidBody> bodies) {
+  std::vector<T> joints;
+  joints.reserve(from.size());
+  for (const scene::Joint& joint : from) joints.emplace_back(joint, bodies);
   return joints;
 }
 
@@ -37,11 +38,12 @@ World::Impl::Impl(scene::Scene the_scene, Options the_options)
     : scene(std::move(the_scene)),
       options(the_options),
       bodies(rigid_bodies(scene)),
-      joints(joints_of(scene, bodies)),
+      joints(joints_of<Joint>(scene.joints, bodies)),
       axes(joints.size()),
       forest(bodies, joints),
       rows(bodies, forest),
       collision(scene),
+      latches(joints_of<Latch>(scene.latches, bodies)),
       joint_x(joints.size()),
       applied(bodies.size(), Wrench::Zero()),
       poses(bodies.size()),
@@ -80,7 +82,7 @@ World::Impl::Impl(scene::Scene the_scene, Options the_options)
   starts.resize(bodies.size());
   shifted.resize(bodies.size());
   frozen.resize(bodies.size());
-  for (std::size_t b = 0; b < bodies.size(); ++b) frozen[b] = !bodies[b].dynamic() || is_linked[b] != 0;
+  latches_changed();
   laws.reserve(joints.size());
   drives.resize(joints.size());
   for (const scene::Body& body : scene.bodies) {
@@ -172,6 +174,7 @@ void World::set_body(std::size_t body, const Inertia& inertia) {
     joint.refit(w.bodies);
     joint.place(w.bodies);
   }
+  for (Latch& latch : w.latches) latch.joint.refit(w.bodies);
 }
 
 void World::set_tool(std::size_t body, const std::string& tool, bool present) {
@@ -242,7 +245,7 @@ double World::largest_gap() const { return impl_->largest_gap(); }
 std::size_t World::state_size() const {
   const Impl& w = *impl_;
   return kHeader + kNumbersPerBody * w.bodies.size() + kNumbersPerJoint * w.joints.size() +
-         kNumbersPerNode * w.forest.nodes().size() + w.loop_numbers() + w.dent_numbers() +
+         kNumbersPerNode * w.forest.nodes().size() + w.loop_numbers() + w.dent_numbers() + Latch::kNumbers * w.latches.size() +
          kNumbersPerTouch * w.options.contacts;
 }
 
@@ -277,6 +280,13 @@ void World::save(std::vector<double>& state) const {
   }
   for (const Forest::Tree& tree : w.forest.trees()) {
     put_all(tree.loops.memory());
+  }
+  for (const Latch& latch : w.latches) {
+    put(latch.closed, latch.holds, latch.progress);
+    for (const Motion6& motion : {latch.met, latch.impulse}) {
+      put_all(motion.linear);
+      put_all(motion.angular);
+    }
   }
   if (!w.dents.empty()) {
     put(w.next_dent, w.forgotten);
@@ -328,7 +338,7 @@ void World::restore(std::span<const double> state) {
   constexpr double kMost = std::numeric_limits<std::int32_t>::max(), kHalf = std::numeric_limits<std::uint32_t>::max();
   std::size_t at = kHeader + kNumbersPerBody * w.bodies.size();
   for (std::size_t j = 0; j < w.joints.size(); ++j, at += kNumbersPerJoint) expect_whole(at + 1, -kMost, kMost);
-  at += kNumbersPerNode * w.forest.nodes().size() + w.loop_numbers();
+  at += kNumbersPerNode * w.forest.nodes().size() + w.loop_numbers() + Latch::kNumbers * w.latches.size();
   if (!w.dents.empty()) {
     expect_whole(at, 0, static_cast<double>(w.dents.size() - 1));
     expect_whole(at + 1, 0, kMost);
@@ -385,6 +395,18 @@ void World::restore(std::span<const double> state) {
   for (Forest::Tree& tree : w.forest.trees()) {
     for (double& value : tree.loops.memory()) value = get();
   }
+  for (Latch& latch : w.latches) {
+    latch.closed = get() != 0;
+    latch.holds = get() != 0;
+    latch.progress = std::clamp(get(), 0.0, 1.0);
+    for (Motion6* motion : {&latch.met, &latch.impulse}) {
+      get_all(motion->linear);
+      get_all(motion->angular);
+    }
+    latch.sum = {};
+    latch.joint.place(w.bodies);
+  }
+  w.latches_changed();
   if (!w.dents.empty()) {
     w.next_dent = static_cast<std::size_t>(get());
     w.forgotten = static_cast<std::size_t>(get());

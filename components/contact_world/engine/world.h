@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "components/contact_world/engine/collision/collision.h"
+#include "components/contact_world/engine/joints/latch.h"
 #include "models/mechanics/pose.h"
 #include "models/scene/scene.h"
 
@@ -99,6 +100,15 @@ class World {
   void set_inertia(std::size_t joint, double inertia);
   /// Sets a motor that holds the joint at dq with at most `tau_max` (may be infinite) until the next call; 0 removes it.
   void set_motor(std::size_t joint, double dq, double tau_max);
+
+  /// Those of the scene. A closed one that bears too much opens by itself at the end of a step.
+  std::span<const Latch> latches() const;
+  /// In force at once; `reach`, `tilt` when it closes.
+  void set_latch(std::size_t latch, const LatchLaw& law);
+  /// Closes a latch whose frames are within reach; the relative velocity of the bodies is lost in the next step. Returns whether it is
+  /// closed. Bodies that a latch connects have no contacts with one another.
+  bool close_latch(std::size_t latch);
+  void open_latch(std::size_t latch);
 
   std::span<const ContactPoint> contacts() const;   // of the last step
   std::span<const Eigen::Vector3d> forces() const;  // on body b at each of these points, expressed in W, N; mean over the step

@@ -10,6 +10,7 @@
 #include "components/contact_world/engine/joints/axes.h"
 #include "components/contact_world/engine/joints/forest.h"
 #include "components/contact_world/engine/joints/joint.h"
+#include "components/contact_world/engine/joints/latch.h"
 #include "components/contact_world/engine/rows.h"
 #include "components/contact_world/engine/world.h"
 
@@ -163,6 +164,16 @@ struct World::Impl {
   std::size_t widest_joint() const;
   static double small_energy_of(const scene::Scene& scene);
 
+  // Of latches; latches.cpp
+  bool latched(int a, int b) const;
+  void latches_changed();
+  void begin_latches();
+  void apply_soft_latches(Stage stage);
+  void collect_latch(std::size_t i, Stage stage, double h);
+  static void store_latch_row(const BoxRow& row, Latch& latch);
+  void account_latches();
+  void advance_latches(double h);
+
   // Of solve()
   void begin_inertias();
   void drive_loose_joints(Stage stage, double h);
@@ -206,12 +217,14 @@ struct World::Impl {
   Collision collision;
   Advance advance;
   std::vector<LooseJoint> loose;
+  std::vector<Latch> latches;
   bool has_whole_joints = false;
   std::vector<char> in_loops;                           // per joint: closes a loop of a tree
   std::vector<std::array<double, kJointRows>> joint_x;  // impulses of the joints' rows in the last solution
   struct RowOrigin {
     int joint;
     int row;
+    int latch = -1;
   };
   std::vector<RowOrigin> row_origin;  // of the box rows, in the order of collection
   std::vector<AxisLaw> laws;          // of the freedoms' joints, in this stage

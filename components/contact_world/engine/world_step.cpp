@@ -55,6 +55,7 @@ void World::Impl::step(double h) {
     touch.distant = false;
   }
   begin_guard();
+  begin_latches();
   begin_inertias();
   advance.clear();
   if (find_fast(h)) find_distant_points(h);
@@ -78,6 +79,7 @@ void World::Impl::step(double h) {
   account_velocity_stage(h);
   sum_yielding(h);
   publish(h);
+  advance_latches(h);
   end_guard();
 
   for (Wrench& F : applied) F.setZero();
@@ -142,7 +144,7 @@ void World::Impl::set_margin(double h) {
 
 void World::Impl::reserve(std::size_t contacts) {
   capacity = contacts;
-  const std::size_t boxes = loose.size() * kJointRows + scene.gears.size() + (torsional ? contacts : 0);
+  const std::size_t boxes = loose.size() * kJointRows + scene.gears.size() + 6 * latches.size() + (torsional ? contacts : 0);
   row_origin.reserve(boxes);
   rows.reserve(contacts, boxes, scene.gears.size());
   touches.reserve(contacts);
@@ -169,6 +171,7 @@ void World::Impl::update_points() {
   }
   for (const ContactPoint& point : collision.points()) {
     if (!bodies[index(point.body_a)].dynamic() && !bodies[index(point.body_b)].dynamic()) continue;
+    if (latched(point.body_a, point.body_b)) continue;
     const scene::Material& a = *materials[index(point.body_a)][index(point.shape_a)];
     const scene::Material& b = *materials[index(point.body_b)][index(point.shape_b)];
     Contact touch;
@@ -277,6 +280,7 @@ void World::Impl::solve(Stage stage, double h) {
     for (Joint& joint : joints) joint.begin_step();
   }
   drive_loose_joints(stage, h);
+  apply_soft_latches(stage);
   for (Forest::Tree& tree : forest.trees()) {
     forest.load_momenta(tree, bodies);
     if (stage == Stage::kPosition) {
@@ -474,7 +478,8 @@ void World::Impl::store_impulses() {
   for (const scene::Gear& gear : scene.gears) joint_x[index(gear.follower)][kGearRow] = 0;
   for (const BoxRow& row : rows.boxes()) {
     const RowOrigin& origin = row_origin[index(row.origin)];
-    if (origin.joint < 0) continue;  // spin of a contact
+    if (origin.latch >= 0) store_latch_row(row, latches[index(origin.latch)]);
+    if (origin.joint < 0) continue;  // spin of a contact, latch
     joint_x[index(origin.joint)][index(origin.row)] = row.x;
   }
 }

@@ -3,92 +3,23 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <map>
 #include <memory>
 #include <utility>
 
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/file.h"
 #include "models/foundation/support/text.h"
-#include "models/scene/sdf/sdf_link.h"
-#include "models/scene/sdf/sdf_values.h"
+#include "models/scene/sdf/sdf_reader.h"
 
 namespace cotwin::scene {
 
 namespace fs = std::filesystem;
 
-namespace {
+namespace sdf {
 
-using sdf::only;
 using xml::Element;
 
-constexpr int kNoBody = -2, kWorld = -1, kNoJoint = -1;
-
-std::string read_sdf(const fs::path& file) { return text::read_file(file, "an SDF file", 16'000'000); }
-
-/// Names of a model or a world: frames whose poses may depend on each other.
-struct Scope {
-  struct Frame {
-    std::string place;
-    std::string relative_to;  // another name of this scope, "" for the scope's own frame
-    std::string attached_to;  // of a frame: the frame or link that it moves with
-    Pose X;                   // in relative_to
-    int body = kNoBody;       // of a link
-    int joint = kNoJoint;     // of a joint: index of its first axis
-    bool busy = false;        // during the search; detects circular poses
-  };
-  std::string place;
-  std::string prefix;  // prefix of the names of its bodies, "cell.arm."
-  Pose X_W;
-  bool is_world = false;
-  std::map<std::string, Frame> frames;
-  std::map<std::string, std::unique_ptr<Scope>> models;
-};
-
-class Reader {
- public:
-  explicit Reader(std::vector<std::string>* warnings) : warnings_(warnings) {}
-  Scene read(std::string_view text, const fs::path& file);
-
- private:
-  struct Document {
-    Element root;
-    fs::path folder;
-  };
-  struct Inherited {  // by a model from its parent
-    bool is_static = false;
-    int depth = 0;
-    fs::path folder;
-  };
-
-  Document open(std::string_view text, const fs::path& file) const;
-  void read_world(const Element& world, Scope& scope, const Inherited& from);
-  void read_model(const Element& model, Scope& scope, const Inherited& from);
-  void read_parts(const Element& element, Scope& scope, const Inherited& from);
-  void read_include(const Element& include, Scope& scope, const Inherited& from);
-  void read_links(const Element& model, Scope& scope, const Inherited& from);
-  void read_joint(const Element& element, Scope& scope);
-  double read_pitch(const Element& element) const;
-  void join_by_cross(Joint& first, Joint& second, const Pose& X_WJ);
-  void read_axis(const Element& element, Joint& joint, Scope& scope, const Pose& X_WJ);
-  void read_mimics(const Element& element, const Scope& scope);
-  void read_gearbox(const Element& element, Scope& scope);
-  int find_hinge(int reference, int link, const Eigen::Vector3d& axis_W, double& sign, const Element& gearbox) const;
-
-  void name(Scope& scope, const Element& element, const std::string& fallback);
-  Pose pose_of(Scope& scope, const std::string& name, const std::string& place) const;
-  int body_of(const Scope& scope, const std::string& name, const std::string& place, int depth = 0) const;
-  int joint_of(const Scope& scope, const std::string& name, const std::string& place) const;
-  std::string known(const Scope& scope, const std::string& name) const;
-  sdf::Warn warn() const {
-    return [this](const std::string& place, const std::string& what) {
-      if (warnings_ != nullptr) warnings_->push_back(place + ": " + what);
-    };
-  }
-
-  std::vector<std::string>* const warnings_;
-  Scene scene_;
-};
+static std::string read_sdf(const fs::path& file) { return text::read_file(file, "an SDF file", 16'000'000); }
 
 Reader::Document Reader::open(std::string_view text, const fs::path& file) const {
   Document document{xml::parse(text, file.string()), file.parent_path()};
@@ -426,6 +357,9 @@ void Reader::read_parts(const Element& element, Scope& scope, const Inherited& f
     read_model(c, *inner, {from.is_static, from.depth, from.folder});
     scope.models.emplace(own, std::move(inner));
   }
+  for (const Element& c : element.children) {
+    if (c.space.empty() && c.name == "frame") read_frame(element, c, scope);
+  }
   const auto is_gearbox = [](const Element& c) { return xml::text(c, "type", "") == "gearbox"; };
   for (const Element& c : element.children) {
     if (c.space.empty() && c.name == "joint" && !is_gearbox(c)) read_joint(c, scope);
@@ -438,6 +372,26 @@ void Reader::read_parts(const Element& element, Scope& scope, const Inherited& f
       read_mimics(c, scope);
     }
   }
+}
+
+/// Keeps a frame that moves with a link or stands in the world; without attached_to it is on the first link of its model.
+void Reader::read_frame(const Element& parent, const Element& element, Scope& scope) {
+  const std::string& name = xml::text(element, "name");
+  std::string on = xml::text(element, "attached_to", scope.is_world ? "world" : "");
+  if (on.empty()) {
+    const auto is_link = [](const Element& c) { return c.name == "link" && c.space.empty(); };
+    const auto link = std::ranges::find_if(parent.children, is_link);
+    if (link != parent.children.end()) on = xml::text(*link, "name");
+  }
+  int body = kWorld;
+  try {
+    body = body_of(scope, on, element.place);
+  } catch (const Error&) {
+    return;  // it is on a joint or on a model
+  }
+  const Pose X_WF = pose_of(scope, name, element.place);
+  const Pose X_BF = body == kWorld ? X_WF : scene_.bodies[static_cast<std::size_t>(body)].X_WB.inverse() * X_WF;
+  scene_.frames.push_back({scope.prefix + name, body, X_BF});
 }
 
 void Reader::read_model(const Element& model, Scope& scope, const Inherited& from) {
@@ -484,12 +438,12 @@ Scene Reader::read(std::string_view text, const fs::path& file) {
   return std::move(scene_);
 }
 
-}  // namespace
+}  // namespace sdf
 
 Scene parse_sdf(std::string_view xml, const fs::path& place, std::vector<std::string>* warnings) {
-  return Reader(warnings).read(xml, place);
+  return sdf::Reader(warnings).read(xml, place);
 }
 
-Scene load(const fs::path& file, std::vector<std::string>* warnings) { return parse_sdf(read_sdf(file), file, warnings); }
+Scene load(const fs::path& file, std::vector<std::string>* warnings) { return parse_sdf(sdf::read_sdf(file), file, warnings); }
 
 }  // namespace cotwin::scene

@@ -1,0 +1,51 @@
+#pragma once
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "components/contact_world/engine/world.h"
+#include "components/unit/variables.h"
+#include "models/scene/cell.h"
+
+namespace cotwin::contact_world {
+
+/// A latch of the unit: its two frames and its variables. It closes in the step in which `close` becomes true and its frames are within
+/// reach, and opens in the one in which `close` becomes false.
+class LatchPort {
+ public:
+  /// A frame on a body of a robot or of the scene.
+  struct End {
+    int robot = -1;  // index; −1: of the scene
+    int body = -1;   // of the robot (−1: its base) or of the scene (−1: the world)
+    Pose X_BF;
+  };
+
+  /// Of the setting NAME|frame|frame;…: a frame is ROBOT/FRAME, FRAME of the only robot, BODY, or BODY/FRAME (MODEL/FRAME) of the scene.
+  /// Throws Error.
+  static std::vector<LatchPort> read(const std::string& place, const std::string& setting, const scene::Cell& cell);
+
+  const std::string& name() const { return name_; }
+  void declare(Variables& v);
+  /// Adds the latch; `body`: index in the scene of the body that an end is on.
+  void add(scene::Scene& scene, const std::function<int(const End&)>& body) const;
+  /// Before a step at `now` (s): brings tunables into force, opens and closes. Allocates nothing. Throws Error for tunables that are not
+  /// finite.
+  void follow(const std::string& place, World& world, std::size_t latch, double now);
+  void write(const Latch& latch, double end, double h);
+  void append_notes(const std::string& place, std::vector<std::string>& notes) const;
+  bool bears() const { return f_[0] != 0 || f_[1] != 0 || f_[2] != 0 || m_[0] != 0 || m_[1] != 0 || m_[2] != 0; }
+  Wrench wrench() const { return (Wrench() << f_[0], f_[1], f_[2], m_[0], m_[1], m_[2]).finished(); }  // on the second body
+
+ private:
+  std::string name_;
+  End ends_[2];
+  bool close_ = false, closed_ = false;
+  std::vector<double> f_{0, 0, 0}, m_{0, 0, 0};
+  double distance_ = 0, angle_ = 0;
+  LatchLaw law_;                // tunables, with 0 for a force and a moment without bound
+  bool closed_before_ = false;  // state
+  std::vector<double> missed_{0, 0, 0, 0},
+      broken_{0, 0};  // state: how often; the first time, s; then distance, m, and angle, rad
+};
+
+}  // namespace cotwin::contact_world
