@@ -21,6 +21,7 @@ const pictures = [
   { name: 'hulls', scenario: '20_safety_hulls/cell.ssd', cues: 'x', t: 2.6, only3d: true, closer: 0.15 },
   { name: 'reaction', scenario: '21_reaction/reaction.ssd', cues: '', t: 6.7, only3d: true, closer: 0.3 },
   { name: 'reactionless', script: '22_reactionless/run.sh', results: ['run'], cues: 't', t: 5, only3d: true, closer: 0.3 },
+  { name: 'latch', scenario: '23_latch/latch.ssd', cues: 'tc', t: 4.5, only3d: true, closer: 0.3 },
   { name: 'mes', script: '12_mes/run.sh', results: ['quintic', 'cheaper'], report: 'against' },
   { name: 'report', scenario: '02_free_motion_lwr4/twin.ssd', report: 'Residuals' },
   { name: 'live', scenario: '10_cooperation/guidance.ssd', live: true, cues: 'gch', t: 6, size: [1180, 760] },

@@ -456,7 +456,7 @@ void ContactWorld::write_outputs(double now, double h) {
 void ContactWorld::append_notes(std::vector<std::string>& notes) const {
   notes.insert(notes.end(), beyond_limits_.begin(), beyond_limits_.end());
   for (const auto& body : bodies_) body->foundation.append_notes(notes);
-  for (const LatchPort& latch : latches_) latch.append_notes(place_, notes);
+  for (const LatchPort& latch : latches_) latch.append_notes(notes);
   if (world_->forgotten_dents() > 0) {
     notes.push_back(std::to_string(world_->forgotten_dents()) +
                     " dents were forgotten, expected more than dents=" + std::to_string(options_.dents));

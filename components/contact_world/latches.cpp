@@ -61,7 +61,8 @@ void LatchPort::declare(Variables& v) {
   const std::string x = name_ + ".", of = " of latch " + name_;
   v.input(x + "close", close_, "true closes the latch if its frames are within reach then, false opens it");
   v.output(x + "closed", closed_, "whether latch " + name_ + " is closed");
-  v.output(x + "f", f_, "N", "force on the second body at its frame, in W, mean over the step").discrete();
+  v.output(x + "p", p_, "m", "position of the second body's frame in W");
+  v.output(x + "f", f_, "N", "force on the second body at this frame, in W, mean over the step").discrete();
   v.output(x + "m", m_, "N.m", "moment on it about the frame's origin, in W").discrete();
   v.output(x + "distance", distance_, "m", "distance of the two frames" + of);
   v.output(x + "angle", angle_, "rad", "angle between them");
@@ -115,17 +116,18 @@ void LatchPort::write(const Latch& latch, double end, double h) {
   const double rate = h > 0 ? 1 / h : 0;
   Eigen::Map<Eigen::Vector3d>(f_.data()) = rate * latch.sum.linear;
   Eigen::Map<Eigen::Vector3d>(m_.data()) = rate * latch.sum.angular;
+  Eigen::Map<Eigen::Vector3d>(p_.data()) = latch.joint.p_child;
   distance_ = latch.distance();
   angle_ = latch.angle();
 }
 
-void LatchPort::append_notes(const std::string& place, std::vector<std::string>& notes) const {
+void LatchPort::append_notes(std::vector<std::string>& notes) const {
   const auto times = [](double count) { return count > 1 ? ", " + text::to_text(count) + " times in all" : std::string(); };
   if (missed_[0] > 0) {
     notes.push_back("latch '" + name_ + "' closed on nothing at " + text::to_text(missed_[1], 6) + " s" + times(missed_[0]) +
                     ", and stayed open: its frames were " + text::to_text(missed_[2], 3) + " m and " +
                     text::to_text(missed_[3], 3) + " rad apart, expected at most " + text::to_text(law_.reach, 3) + " m and " +
-                    text::to_text(law_.tilt, 3) + " rad (" + place + "." + name_ + ".reach, tilt)");
+                    text::to_text(law_.tilt, 3) + " rad (" + name_ + ".reach, " + name_ + ".tilt)");
   }
   if (broken_[0] > 0) {
     notes.push_back("latch '" + name_ + "' broke away at " + text::to_text(broken_[1], 6) + " s" + times(broken_[0]));

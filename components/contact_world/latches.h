@@ -32,7 +32,7 @@ class LatchPort {
   /// finite.
   void follow(const std::string& place, World& world, std::size_t latch, double now);
   void write(const Latch& latch, double end, double h);
-  void append_notes(const std::string& place, std::vector<std::string>& notes) const;
+  void append_notes(std::vector<std::string>& notes) const;
   bool bears() const { return f_[0] != 0 || f_[1] != 0 || f_[2] != 0 || m_[0] != 0 || m_[1] != 0 || m_[2] != 0; }
   Wrench wrench() const { return (Wrench() << f_[0], f_[1], f_[2], m_[0], m_[1], m_[2]).finished(); }  // on the second body
 
@@ -40,7 +40,7 @@ class LatchPort {
   std::string name_;
   End ends_[2];
   bool close_ = false, closed_ = false;
-  std::vector<double> f_{0, 0, 0}, m_{0, 0, 0};
+  std::vector<double> p_{0, 0, 0}, f_{0, 0, 0}, m_{0, 0, 0};
   double distance_ = 0, angle_ = 0;
   LatchLaw law_;                // tunables, with 0 for a force and a moment without bound
   bool closed_before_ = false;  // state

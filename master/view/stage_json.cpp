@@ -309,6 +309,12 @@ Json Writer::contacts_json() const {
     const std::string f = signal.name.substr(0, signal.name.size() - 1) + "f";
     if (is_recorded(f, signal.count)) contacts.push_back({{"p", signal.name}, {"f", f}});
   }
+  for (const RecordedSignal& signal : recorded_.signals) {  // latches
+    if (!signal.name.ends_with(".closed")) continue;
+    const std::string prefix = signal.name.substr(0, signal.name.size() - 6);
+    if (is_recorded(prefix + "p", 3) && is_recorded(prefix + "f", 3))
+      contacts.push_back({{"p", prefix + "p"}, {"f", prefix + "f"}});
+  }
   return contacts;
 }
 

@@ -106,6 +106,53 @@ TEST_P(Latches, TwoBodiesThatLatchHaveTheirCommonVelocityAndKeepTheirMomentum) {
   }
 }
 
+// Three bodies in a ring and a doubled latch: 24 rows for 12 relative degrees of freedom.
+TEST_P(Latches, HoldInLoopsAndTwice) {
+  scene::Scene s = pair();
+  s.bodies.push_back(body("third", 1, {0.02, 0.03, 0.04}, {0.2, 0.4, 0}));
+  scene::Joint between = s.latches[0];
+  between.name = "second to third";
+  between.parent = 1;
+  between.child = 2;
+  between.X_PJ.p = {-0.1, 0.3, 0};
+  between.X_CJ.p = {0.2, -0.1, 0};
+  s.latches.push_back(between);
+  between.name = "third to first";
+  between.parent = 2;
+  between.child = 0;
+  between.X_PJ.p = {-0.1, -0.2, 0.1};
+  between.X_CJ.p = {0.1, 0.2, 0.1};
+  s.latches.push_back(between);
+  s.latches.push_back(s.latches[0]);
+  s.bodies[0].V_WB << 0.5, -0.2, 0.1, 0.3, 0.4, -0.6;
+  World w = world(s);
+  const Wrench before = momentum(w);
+  for (std::size_t i = 0; i < 4; ++i) ASSERT_TRUE(w.close_latch(i)) << i;
+  w.step(1e-3);
+  const double common = energy(w);
+  for (int k = 0; k < 2000; ++k) w.step(1e-3);
+  EXPECT_LT((momentum(w) - before).norm(), 1e-12 * size(w));
+  EXPECT_NEAR(energy(w), common, 1e-5 * common);
+  for (const Latch& latch : w.latches()) EXPECT_LT(latch.distance(), 1e-5);
+  EXPECT_EQ(w.fault(1e-3, 1e-3), "");
+}
+
+TEST_P(Latches, StayWhereTheyAreWhenABodyGetsAnotherMass) {
+  scene::Scene s = pair();
+  for (scene::Body& b : s.bodies) b.V_WB << 0.2, -0.1, 0.3, 0, 0, 0;
+  World w = world(s);
+  ASSERT_TRUE(w.close_latch(0));
+  w.step(1e-3);
+  Inertia heavier = s.bodies[1].inertia;
+  heavier.mass = 4;
+  heavier.p_LC << 0.05, 0.1, -0.1;
+  w.set_body(1, heavier);
+  const Wrench before = momentum(w);
+  for (int k = 0; k < 500; ++k) w.step(1e-3);
+  EXPECT_LT(w.latches()[0].distance(), 1e-9);
+  EXPECT_LT((momentum(w) - before).norm(), 1e-12 * size(w));
+}
+
 // Reduced mass μ = m₁ m₂/(m₁ + m₂): the distance is v/ω sin ω t with ω = √(k/μ).
 TEST_P(Latches, ASoftLatchSwingsAtItsFrequencyWithoutLoss) {
   constexpr double kOmega = 20, kSpeed = 0.02, kPeriod = 2 * 3.14159265358979 / kOmega;

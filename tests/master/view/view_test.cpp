@@ -362,6 +362,22 @@ TEST(Stage, ShowsTheForcesOfHandsAtRobotsAndBodies) {
   EXPECT_EQ(page.at("forces")[1].at("figure"), -1);
 }
 
+TEST(Stage, ShowsForcesOfLatchesAsThoseOfContacts) {
+  const fs::path root = places::source();
+  const Scenario scenario = load_scenario(root / "examples/23_latch/latch.ssd");
+  const std::vector<fs::path> folders = {scenario.folder, root / "models"};
+  const Recorded recorded = recording_of(
+      {{"drive.q", 7}, {"world.grip.closed", 1}, {"world.grip.p", 3}, {"world.grip.f", 3}, {"world.other.closed", 1}});
+  const Stage stage = stage_of(scenario, recorded, unit_types(), folders);
+  CalculatedTable calculated;
+  Packer packer;
+  std::vector<std::string> remarks;
+  const auto page = stage_json({stage, recorded, &scenario, unit_types(), folders}, {}, calculated, packer, remarks);
+  ASSERT_EQ(page.at("contacts").size(), 1u) << page.at("contacts").dump();
+  EXPECT_EQ(page.at("contacts")[0].at("p"), "world.grip.p");
+  EXPECT_EQ(page.at("contacts")[0].at("f"), "world.grip.f");
+}
+
 TEST(Stage, ShowsToolsFromTheirMountingToTheirRemoval) {
   const fs::path root = places::source();
   Scenario scenario = load_scenario(root / "examples/02_free_motion_lwr4/twin.ssd");

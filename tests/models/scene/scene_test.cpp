@@ -388,6 +388,28 @@ TEST(Sdf, ResolvesPosesRelativeToOtherFrames) {
   EXPECT_TRUE(scene.bodies[1].X_WB.p.isApprox(Vector3d(10, 1, 5), 1e-14));
   EXPECT_TRUE(scene.bodies[0].X_WB.p.isApprox(Vector3d(10, 1, 3), 1e-14));  // a hangs upside down
   EXPECT_NEAR(scene.bodies[2].X_WB.R(2, 2), -1, 1e-15);
+  ASSERT_EQ(scene.frames.size(), 2u);
+  EXPECT_EQ(scene.frames[0].name, "m.f");
+  EXPECT_EQ(scene.frames[0].body, 1);
+  EXPECT_TRUE(scene.frames[0].X_BF.p.isApprox(Vector3d(0, 0, 1), 1e-14));
+  EXPECT_EQ(scene.frames[1].name, "corner");
+  EXPECT_EQ(scene.frames[1].body, -1);
+  EXPECT_TRUE(scene.frames[1].X_BF.p.isApprox(Vector3d(10, 0, 0), 1e-14));
+}
+
+TEST(Sdf, KeepsFramesOfLinksAndReadsOthers) {
+  const Scene scene = parse(world(model("m", link("a") + link("b", "<pose>1 0 0 0 0 0</pose>") + R"(
+    <frame name="first"><pose>0 0 2 0 0 0</pose></frame>
+    <frame name="on_first" attached_to="second"/>
+    <frame name="second" attached_to="b"><pose>0 3 0 0 0 0</pose></frame>
+    <frame name="on_joint" attached_to="j"/>
+    <frame name="round" attached_to="trip"/><frame name="trip" attached_to="round"/>
+    <joint name="j" type="fixed"><parent>a</parent><child>b</child></joint>)")));
+  ASSERT_EQ(scene.frames.size(), 3u);
+  EXPECT_EQ(scene.frames[0].body, 0) << "the model's first link";
+  EXPECT_TRUE(scene.frames[0].X_BF.p.isApprox(Vector3d(0, 0, 2), 1e-14));
+  EXPECT_EQ(scene.frames[1].body, 1);
+  EXPECT_TRUE(scene.frames[1].X_BF.p.isApprox(Vector3d(0, 3, 0), 1e-14));
 }
 
 TEST(Sdf, ReadsJoints) {
