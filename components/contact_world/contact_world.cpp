@@ -234,6 +234,7 @@ void ContactWorld::initialise(Time start) {
     robot->tools_in_force = robot->tools_wanted;
   }
   for (const auto& body : bodies_) body->foundation.take();
+  for (LatchPort& latch : latches_) latch.reset();
   build();
   for (const auto& robot : robots_) {
     robot->dq_before = robot->dq;

@@ -92,6 +92,12 @@ void LatchPort::add(scene::Scene& scene, const std::function<int(const End&)>& b
   scene.latches.push_back(std::move(joint));
 }
 
+void LatchPort::reset() {
+  closed_ = closed_before_ = false;
+  std::ranges::fill(missed_, 0.0);
+  std::ranges::fill(broken_, 0.0);
+}
+
 void LatchPort::follow(const std::string& place, World& world, std::size_t latch, double now) {
   for (const double value : {law_.reach, law_.tilt, law_.time, law_.stiffness, law_.turn_stiffness, law_.force, law_.moment}) {
     if (!(value >= 0 && value < scene::kInfinity))

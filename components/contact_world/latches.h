@@ -28,6 +28,8 @@ class LatchPort {
   void declare(Variables& v);
   /// Adds the latch; `body`: index in the scene of the body that an end is on.
   void add(scene::Scene& scene, const std::function<int(const End&)>& body) const;
+  /// At the start of a run: open.
+  void reset();
   /// Before a step at `now` (s): brings tunables into force, opens and closes. Allocates nothing. Throws Error for tunables that are not
   /// finite.
   void follow(const std::string& place, World& world, std::size_t latch, double now);

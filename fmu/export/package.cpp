@@ -6,7 +6,7 @@ namespace cotwin::fmu {
 
 namespace {
 
-constexpr std::uint64_t kPackageMagic = 0x35554d4657544f43u;  // the bytes "COTWFMU5": the format and its version
+constexpr std::uint64_t kPackageMagic = 0x36554d4657544f43u;  // the bytes "COTWFMU6": the format and its version
 
 template <class Matrix>
 void put(ByteWriter& out, const Matrix& m) {
@@ -258,6 +258,12 @@ void put(ByteWriter& out, const scene::Cell& cell) {
     for (const int joint : {gear.leader, gear.follower}) out.value(static_cast<std::int32_t>(joint));
     for (const double value : {gear.ratio, gear.offset}) out.value(value);
   }
+  out.value(static_cast<std::uint64_t>(scene.frames.size()));
+  for (const scene::Frame& frame : scene.frames) {
+    out.text(frame.name);
+    out.value(static_cast<std::int32_t>(frame.body));
+    put(out, frame.X_BF);
+  }
   out.value(static_cast<std::uint64_t>(scene.no_contact.size()));
   for (const auto& [a, b] : scene.no_contact) {
     out.value(static_cast<std::int32_t>(a));
@@ -283,6 +289,12 @@ void get(ByteReader& in, scene::Cell& cell) {
   for (scene::Gear& gear : scene.gears) {
     for (int* joint : {&gear.leader, &gear.follower}) *joint = in.value<std::int32_t>();
     for (double* value : {&gear.ratio, &gear.offset}) *value = in.value<double>();
+  }
+  scene.frames.resize(in.count(100));
+  for (scene::Frame& frame : scene.frames) {
+    frame.name = in.text();
+    frame.body = in.value<std::int32_t>();
+    get(in, frame.X_BF);
   }
   scene.no_contact.resize(in.count(8));
   for (auto& [a, b] : scene.no_contact) {

@@ -172,6 +172,12 @@ void check(const Scene& scene) {
     c.expect(names.insert(joint.name).second, "two joints with the name '" + joint.name + "'");
     check_joint(Checker(place + ": joint '" + joint.name + "'"), joint, count);
   }
+  for (const Frame& frame : scene.frames) {
+    const Checker own(place + ": frame '" + frame.name + "'");
+    own.expect(frame.body >= -1 && frame.body < count,
+               "body " + std::to_string(frame.body) + ", expected -1 to " + std::to_string(count - 1));
+    own.expect_pose(frame.X_BF, "its pose");
+  }
   for (const auto& [a, b] : scene.no_contact) {
     c.expect(a >= 0 && b >= 0 && a < count && b < count, "bodies " + std::to_string(a) + ", " + std::to_string(b) +
                                                              " without contact, expected indices below " +

@@ -441,7 +441,7 @@ TEST(Package, CarriesARobotToTheLastBit) {
   EXPECT_EQ(*back.robot, robot);
 }
 
-TEST(Package, CarriesASceneWithItsHeightsAndGears) {
+TEST(Package, CarriesASceneWithItsHeightsGearsAndFrames) {
   scene::Scene scene;
   scene.name = "s";
   scene.bodies.resize(3);
@@ -461,6 +461,7 @@ TEST(Package, CarriesASceneWithItsHeightsAndGears) {
     joint.child = k;
   }
   scene.gears.push_back({0, 1, -2, 0.5});
+  scene.frames = {{"1.grip", 1, {Eigen::Matrix3d::Identity(), {1, 2, 3}}}, {"place", -1, {}}};
   Package package;
   scene::Cell cell;
   cell.scene = scene;

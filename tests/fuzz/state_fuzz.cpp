@@ -43,6 +43,7 @@ constexpr std::array kChoices = {
     Choice{"io", "link=sensors", "planar2"},
     Choice{"contact_world", "link_side=outside", "planar2", "table"},
     Choice{"contact_world", "method=dantzig", "", "stack"},
+    Choice{"contact_world", "latches=a|box_1|box_2;b|box_2|box_4", "", "stack"},
     Choice{"tuner", "friction=sigmoid&motor_inertia=true", "planar2"},
     Choice{"motion", "robot=planar2&space=cartesian&from=relative&inverse=true", "planar2"},
 };

@@ -72,23 +72,23 @@ void World::Impl::collect_latch(std::size_t i, Stage stage, double h) {
     const Vector3d& rate = turns ? aim.rate.angular : aim.rate.linear;
     Vector3d& impulse = turns ? latch.impulse.angular : latch.impulse.linear;
     // A bound for each axis is one for the load if the load is along an axis.
-    const Matrix3d axes = most < kInfinity && !impulse.isZero(0) ? axes_along(impulse) : joint.R_parent;
+    const Matrix3d along = most < kInfinity && !impulse.isZero(0) ? axes_along(impulse) : joint.R_parent;
     for (int k = 0; k < 3; ++k) {
       BoxRow row;
       row.a = moving(joint.parent);
       row.b = moving(joint.child);
-      (turns ? row.m : row.d) = axes.col(k);
+      (turns ? row.m : row.d) = along.col(k);
       row.p = joint.p_child;
       row.exact = true;
       row.lo = -most;
       row.hi = most;
-      row.x = std::clamp(axes.col(k).dot(impulse), -most, most);
-      row.target = axes.col(k).dot(rate);
+      row.x = std::clamp(along.col(k).dot(impulse), -most, most);
+      row.target = along.col(k).dot(rate);
       if (stiffness > 0) {
         row.softness = 4 / (stiffness * h * h);
-        row.target -= 2 / h * axes.col(k).dot(error);
+        row.target -= 2 / h * along.col(k).dot(error);
       } else if (stage == Stage::kPosition) {
-        row.target -= kShareOfJointError / h * axes.col(k).dot(error);
+        row.target -= kShareOfJointError / h * along.col(k).dot(error);
       }
       row_origin.push_back({-1, kJointRows, static_cast<int>(i)});
       rows.add(row);
