@@ -12,6 +12,9 @@ namespace {
 /// Impulses from this share of the bound on count as overload; below it they are rounding of a load that the latch bears.
 constexpr double kAtBound = 1 - 1e-9;
 
+/// Squared impulses up to this one have no direction.
+constexpr double kNoDirection = 1e-200;
+
 /// Right-handed axes, the first along a vector.
 Matrix3d axes_along(const Vector3d& vector) {
   Matrix3d axes;
@@ -29,8 +32,10 @@ bool World::Impl::latched(int a, int b) const {
   return std::any_of(latches.begin(), latches.end(), [&](const Latch& latch) { return latch.joins(a, b); });
 }
 
-/// Marks the bodies that separate() never moves, and has the contacts between latched bodies found anew.
+/// Marks the bodies that separate() never moves, and has contacts found anew: latched bodies have none with one another.
 void World::Impl::latches_changed() {
+  stale = true;
+  restored = false;
   for (std::size_t b = 0; b < bodies.size(); ++b) frozen[b] = !bodies[b].dynamic();
   for (const int body : linked) frozen[index(body)] = 1;
   for (const Latch& latch : latches) {
@@ -64,6 +69,13 @@ void World::Impl::collect_latch(std::size_t i, Stage stage, double h) {
   const Joint& joint = latch.joint;
   const Latch::Aim aim = latch.aim(stage, h);
   const auto moving = [&](int body) { return body >= 0 && bodies[index(body)].motion != scene::Motion::kStatic ? body : -1; };
+  // Both points turn about their centres of mass during the drift: (h²/2) ω × (ω × r) of displacement.
+  const auto centripetal = [&](int body) -> Vector3d {
+    if (body < 0) return Vector3d::Zero();
+    const RigidBody& b = bodies[index(body)];
+    return b.w.cross(b.w.cross(joint.p_child - b.p));
+  };
+  const Vector3d bend = h / 2 * (centripetal(joint.child) - centripetal(joint.parent));
   for (const bool turns : {false, true}) {
     const double stiffness = turns ? latch.law.turn_stiffness : latch.law.stiffness;
     if (stiffness > 0 && stage == Stage::kVelocity) continue;
@@ -72,7 +84,7 @@ void World::Impl::collect_latch(std::size_t i, Stage stage, double h) {
     const Vector3d& rate = turns ? aim.rate.angular : aim.rate.linear;
     Vector3d& impulse = turns ? latch.impulse.angular : latch.impulse.linear;
     // A bound for each axis is one for the load if the load is along an axis.
-    const Matrix3d along = most < kInfinity && !impulse.isZero(0) ? axes_along(impulse) : joint.R_parent;
+    const Matrix3d along = most < kInfinity && impulse.squaredNorm() > kNoDirection ? axes_along(impulse) : joint.R_parent;
     for (int k = 0; k < 3; ++k) {
       BoxRow row;
       row.a = moving(joint.parent);
@@ -88,7 +100,7 @@ void World::Impl::collect_latch(std::size_t i, Stage stage, double h) {
         row.softness = 4 / (stiffness * h * h);
         row.target -= 2 / h * along.col(k).dot(error);
       } else if (stage == Stage::kPosition) {
-        row.target -= kShareOfJointError / h * along.col(k).dot(error);
+        row.target -= along.col(k).dot(kShareOfJointError / h * error + (turns ? Vector3d(Vector3d::Zero()) : bend));
       }
       row_origin.push_back({-1, kJointRows, static_cast<int>(i)});
       rows.add(row);
@@ -133,10 +145,7 @@ void World::Impl::advance_latches(double h) {
     latch.joint.place(bodies);
     if (latch.closed) opened = latch.advance(h) || opened;
   }
-  if (!opened) return;
-  latches_changed();
-  stale = true;
-  restored = false;
+  if (opened) latches_changed();
 }
 
 // ---- From outside
@@ -151,8 +160,6 @@ bool World::close_latch(std::size_t i) {
   if (latch.closed || !latch.within_reach()) return latch.closed;
   latch.close();
   impl_->latches_changed();
-  impl_->stale = true;
-  impl_->restored = false;
   return true;
 }
 
@@ -160,8 +167,6 @@ void World::open_latch(std::size_t i) {
   if (!impl_->latches[i].closed) return;
   impl_->latches[i].open();
   impl_->latches_changed();
-  impl_->stale = true;
-  impl_->restored = false;
 }
 
 }  // namespace cotwin::contact_world

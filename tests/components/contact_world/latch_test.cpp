@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "components/contact_world/engine/world.h"
+#include "models/numerics/random.h"
 #include "models/robot/floating_base.h"
 #include "models/robot/urdf/urdf.h"
 #include "tests/components/contact_world/methods.h"
@@ -103,6 +104,37 @@ TEST_P(Latches, TwoBodiesThatLatchHaveTheirCommonVelocityAndKeepTheirMomentum) {
     for (int k = 0; k < 100; ++k) w.step(h);
     EXPECT_LT((momentum(w) - before).norm(), 1e-12 * scale) << h;
     EXPECT_GT(w.latches()[0].distance(), 0);
+  }
+}
+
+// Masses from 1 g to 1 t, frames up to 1 m away; some pairs turn by 10 mrad a step.
+TEST_P(Latches, HoldRandomPairs) {
+  std::uint32_t draw = 0;
+  const auto uniform = [&] { return 2 * numerics::uniform({.seed = 51, .draw = draw++}) - 1; };
+  const auto vector = [&](double scale) -> Vector3d { return scale * Vector3d(uniform(), uniform(), uniform()); };
+  for (int i = 0; i < 200; ++i) {
+    SCOPED_TRACE(i);
+    const Vector3d a = vector(1), b = vector(1);
+    scene::Scene s = pair(a, b);
+    s.bodies[1].X_WB.R = Eigen::AngleAxisd(3 * uniform(), vector(1).normalized()).toRotationMatrix();
+    s.latches[0].X_CJ.R = s.bodies[1].X_WB.R.transpose();
+    s.bodies[1].X_WB.p = a - s.bodies[1].X_WB.R * b;
+    for (scene::Body& one : s.bodies) {
+      one.inertia.mass = std::pow(10, 3 * uniform());
+      one.inertia.I_CC = one.inertia.mass * (Vector3d(0.1, 0.1, 0.1) + vector(0.04)).asDiagonal();
+      one.V_WB << vector(1), vector(5);
+    }
+    World w = world(s);
+    const Wrench before = momentum(w);
+    const double scale = size(w);
+    ASSERT_TRUE(w.close_latch(0)) << w.latches()[0].distance() << " " << w.latches()[0].angle();
+    w.step(1e-3);
+    const double common = energy(w);
+    for (int k = 0; k < 300; ++k) w.step(1e-3);
+    ASSERT_LT((momentum(w) - before).norm(), 1e-12 * std::max(scale, size(w)));
+    ASSERT_NEAR(energy(w), common, 1e-3 * common);
+    ASSERT_LT(w.latches()[0].distance(), 1e-4);
+    ASSERT_EQ(w.fault(1e-2, 1e-2), "");
   }
 }
 

@@ -14,7 +14,6 @@ struct LatchLaw {
   double time = 0;                           // in which it draws the frames together, s; 0: they stay as they met
   double stiffness = 0, turn_stiffness = 0;  // N/m, N.m/rad; 0: rigid
   double force = scene::kInfinity, moment = scene::kInfinity;  // that it bears, N, N.m
-  friend bool operator==(const LatchLaw&, const LatchLaw&) = default;
 };
 
 /// A connection of two bodies in all six directions that closes and opens. While it closes, that is until the frames are drawn together and
