@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "components/contact_world/engine/world.h"
+#include "components/unit/snapshot.h"
 #include "models/numerics/random.h"
 #include "models/robot/floating_base.h"
 #include "models/robot/urdf/urdf.h"
@@ -450,6 +451,30 @@ TEST(Latch, TwoFreeRobotsKeepTheirMomentumThroughCaptureAndRelease) {
   }
   EXPECT_LT((momentum() - before).norm(), 1e-12 * 3) << "of momenta of some N.s";
   EXPECT_GT(world.vector("b.base_v").norm(), 1e-3);
+}
+
+// As a host of an FMU does it that saves and restores the state in each step.
+TEST(Latch, StepsToTheSameBitsWithItsStateRestoredBeforeEachStep) {
+  const std::string folder = places::source() + "/examples/23_latch/";
+  const std::string source = "unit:contact_world?actuation=prescribed&robot_shapes=none&robot=" + folder +
+                             "robot.urdf&scene=" + folder + "cell.sdf&latches=grip|gripper|block/grip";
+  Subject plain(source), restored(source);
+  for (Subject* world : {&plain, &restored}) {
+    world->set("q", {-0.291, -0.6273, 0, 1.6864, 0, -0.828, -0.291}).set("grip.reach", {0.05}).set("grip.tilt", {0.5});
+    world->initialise();
+  }
+  for (int k = 0; k < 60; ++k) {
+    for (Subject* world : {&plain, &restored}) world->variables().at("grip.close").booleans()[0] = k >= 20 && k < 40;
+    Snapshot snapshot;
+    snapshot.take(restored.variables(), restored.unit());
+    snapshot.restore(restored.variables(), restored.unit());
+    plain.step(1e-3);
+    restored.step(1e-3);
+    ASSERT_EQ(plain.boolean("grip.closed"), k >= 20 && k < 40)
+        << plain.real("grip.distance") << " " << plain.real("grip.angle");
+    ASSERT_EQ(plain.values("world"), restored.values("world")) << k;
+    ASSERT_EQ(plain.values("tau_e"), restored.values("tau_e")) << k;
+  }
 }
 
 }  // namespace
