@@ -156,7 +156,8 @@ const std::pair<const char*, Json (*)()> kReplies[] = {
                  described(Object().must("distance_m", kNumber).must("angle_rad", kNumber), "what is left to the goal"))
            .may("to_q_rad", kNumbers)
            .may("to_q", kNumbers)
-           .must("standard", described(of_motion, "the quintic in the same time, to the given posture, without one to the posture found"))
+           .must("standard",
+                 described(of_motion, "the quintic in the same time, to the given posture, without one to the posture found"))
            .may("motion", Object()
                               .must("unit", kText)
                               .must("t_s", kNumbers)
