@@ -46,7 +46,7 @@ double internal_force(double S_left, double S_right) { return kInside / (1 / S_l
 // Newton for the block in each tick: the forces of both hands are its weight and its inertia. The path of the block is that of the hands, less what
 // the compliance of both arms gives way.
 TEST(Carrying, TheForcesOfBothHandsMoveTheBlockAlongTheirPath) {
-  Master master = load({"world.tolerance=1e-12"});  // m/s: the solver's own 1e-9 would be 1e-6 N
+  Master master = load({"world.tolerance=1e-12"});  // m/s: 1e-9 N a row of the block; the default of 1e-9 is 1e-6 N
   const auto left = vector(master, "world.left.f_c"), right = vector(master, "world.right.f_c"),
              on_block = vector(master, "world.block.f_c");
   const auto v = vector(master, "world.block.v"), p = vector(master, "world.block.p");
@@ -65,7 +65,7 @@ TEST(Carrying, TheForcesOfBothHandsMoveTheBlockAlongTheirPath) {
     path = std::max(path, (p - middle).norm());
     squeeze = std::max({squeeze, std::abs(left.x() + F), std::abs(right.x() - F)});
   }
-  EXPECT_LT(newton, 1e-9);
+  EXPECT_LT(newton, 1e-8);
   EXPECT_GT(largest, 0.05);  // m/s²: it is moved
   EXPECT_LT(path, 3e-4);     // the arms' inertia M_T of 10 kg leaves both behind their paths
   EXPECT_LT(squeeze, 0.1);
