@@ -72,6 +72,8 @@ ContactWorld::ContactWorld(Settings& settings)
     made->index = i;
     vector3(made->p0) = body.X_WB.p;
     put_quaternion(body.X_WB.R, made->quat0);
+    vector3(made->v0) = body.V_WB.head<3>();
+    vector3(made->w0) = body.V_WB.tail<3>();
     bodies_.push_back(std::move(made));
   }
   latches_ = LatchPort::read(place_, settings.text("latches"), cell_);
@@ -107,7 +109,9 @@ void ContactWorld::build() {
   scene.gravity = {gravity_[0], gravity_[1], gravity_[2]};
   for (const auto& body : bodies_) {
     body->foundation.apply(scene.bodies[body->index]);
-    scene.bodies[body->index].X_WB = pose_of(place_ + "." + body->name + ".quat0", body->p0, body->quat0);
+    scene::Body& placed = scene.bodies[body->index];
+    placed.X_WB = pose_of(place_ + "." + body->name + ".quat0", body->p0, body->quat0);
+    placed.V_WB << vector3(body->v0), vector3(body->w0);
   }
   for (const auto& robot : robots_) {
     Robot& r = *robot;
@@ -167,6 +171,8 @@ std::vector<double> ContactWorld::layout() const {
   for (const auto& body : bodies_) {
     add(body->p0);
     add(body->quat0);
+    add(body->v0);
+    add(body->w0);
   }
   for (const auto& robot : robots_) {
     add(robot->base_p0);
@@ -196,7 +202,9 @@ void ContactWorld::check_parameters() const {
     check(r->prefix, "D", r->D);
     check(r->prefix, "B", r->B);
   }
-  for (const auto& b : bodies_) check(b->prefix, "p0", b->p0);
+  for (const auto& b : bodies_) {
+    for (const auto& [name, v] : {std::pair{"p0", &b->p0}, {"v0", &b->v0}, {"w0", &b->w0}}) check(b->prefix, name, *v);
+  }
 }
 
 void ContactWorld::check_inputs(Time now) const {

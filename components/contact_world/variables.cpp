@@ -109,6 +109,8 @@ void ContactWorld::declare_body(Variables& v, Body& b) {
   v.output(x + "m_c", b.m_c, "N.m", "their moment about the body's origin, in W").discrete();
   if (b.motion == scene::Motion::kStatic) return;
   if (b.motion == scene::Motion::kDynamic) {
+    v.parameter(x + "v0", b.v0, "m/s", "velocity of the body's origin in W at the start");
+    v.parameter(x + "w0", b.w0, "rad/s", "angular velocity of the body in W at the start");
     v.input(x + "f", b.f, "N", "external force on the body at its origin, in W");
     v.input(x + "m", b.m, "N.m", "external moment on the body, in W");
   } else {

@@ -1,6 +1,7 @@
 #include "master/results/recording.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <fstream>
 #include <numeric>
@@ -10,6 +11,7 @@
 #include "master/engine/wiring/members.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
+#include "models/mechanics/pose_values.h"
 
 namespace cotwin::report {
 
@@ -221,15 +223,28 @@ class ResidualReader {
       std::vector<std::size_t> a = columns_of(names, r.a), b = columns_of(names, r.b);
       if (a.empty() || a.size() != b.size() || a.size() > kMostPlotted) a.clear(), b.clear();
       for (const std::size_t column : a) r.elements.push_back(names[column]);
-      r.curves.resize(a.size());
+      if (r.attitude && a.size() == 4) {
+        r.elements = {"turn[1]", "turn[2]", "turn[3]"};
+        r.curves.resize(3);
+      } else if (!r.attitude) {
+        r.curves.resize(a.size());
+      }
       columns_.emplace_back(std::move(a), std::move(b));
     }
   }
   void add(const RowReader& row) {
     for (std::size_t k = 0; k < residuals_.size(); ++k) {
       Residual& r = residuals_[k];
+      const auto& [of_a, of_b] = columns_[k];
+      if (r.attitude && !r.curves.empty()) {
+        std::array<double, 4> a, b;
+        for (std::size_t i = 0; i < 4; ++i) a[i] = row.value(of_a[i]), b[i] = row.value(of_b[i]);
+        const Eigen::Vector3d turn = turn_between(b, a);
+        for (std::size_t i = 0; i < 3; ++i) r.curves[i].add(row.t(), turn[static_cast<Eigen::Index>(i)]);
+        continue;
+      }
       for (std::size_t i = 0; i < r.curves.size(); ++i) {
-        const double a = row.value(columns_[k].first[i]), b = row.value(columns_[k].second[i]);
+        const double a = row.value(of_a[i]), b = row.value(of_b[i]);
         r.curves[i].add(row.t(), a - (r.factor * b + r.offset));
       }
     }

@@ -63,12 +63,13 @@ class RowReader {
   bool ended_within_ = false;  // lines follow that at which reading ended
 };
 
-/// A difference a − (factor · b + offset) of two signals, element by element.
+/// A difference a − (factor · b + offset) of two signals, element by element, or the rotation vector from quaternion b to a.
 struct Residual {
   std::string name, unit, a, b;
   double factor = 1, offset = 0;
   std::vector<std::string> elements;  // names for keys
   std::vector<Curve> curves;          // empty if the signals were not recorded
+  bool attitude = false;              // a rotation vector: three curves
 };
 
 /// Time in contact, as far as the recorded rows show it.

@@ -80,6 +80,7 @@ std::vector<Residual> residuals_of(const json& summary) {
       const json &factor = member(entry, "factor"), &offset = member(entry, "offset");
       if (factor.is_number()) r.factor = number_of(factor);
       if (offset.is_number()) r.offset = number_of(offset);
+      r.attitude = member(entry, "attitude") == true;
       const bool known = std::ranges::any_of(all, [&](const Residual& other) { return other.a == r.a && other.b == r.b; });
       if (!known) all.push_back(std::move(r));
     }

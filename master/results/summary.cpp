@@ -335,6 +335,7 @@ void write_json(std::ostream& out, const Summary& s, const Outcome& outcome) {
                             {"total_rms", finite(t.total_rms)},
                             {"total_max", finite(t.total_max)}});
     write_signals(j["signals"].back(), t.a, t.b, t.factor, t.offset);
+    if (t.attitude) j["signals"].back()["attitude"] = true;
   }
   j["comparisons"] = ordered_json::array();
   for (const Compared& c : s.comparisons) {

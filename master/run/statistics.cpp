@@ -9,6 +9,7 @@
 #include "master/engine/wiring/schedule.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
+#include "models/mechanics/pose_values.h"
 
 namespace cotwin::master {
 
@@ -46,6 +47,18 @@ Statistics::Difference Statistics::make_difference(const Signal& a, const Signal
   return d;
 }
 
+Statistics::Difference Statistics::make_attitude(const Signal& a, const Signal& b, std::string name, const std::string& place) {
+  for (const Signal* s : {&a, &b}) {
+    if (s->count != 4)
+      fail(place, s->name + " has " + std::to_string(s->count) + " elements, expected a quaternion (w, x, y, z)");
+  }
+  attitudes_.push_back({a.reals().first<4>(), b.reals().first<4>(), std::make_shared<std::array<double, 3>>()});
+  const std::string what = "attitude of " + a.name + " against " + b.name;
+  return {name.empty() ? what : std::move(name), what, "rad", *attitudes_.back().turn, {}, 1, 0, a.name, b.name, true};
+}
+
+void Statistics::Attitude::update() { Eigen::Map<Eigen::Vector3d>(turn->data()) = turn_between(b, a); }
+
 Statistics::Power Statistics::make_power(const Signal& effort, const Signal& flow, const std::string& place) {
   return {effort.reals(), flow.reals(), power_factor(effort, flow, place), effort.variable->discrete};
 }
@@ -60,6 +73,8 @@ Statistics::Statistics(const Scenario& scenario, std::span<const Member> members
     const Signal b = find_real_signal(members, spec.b, spec.place);
     if (spec.kind == ReportKind::kDifference) {
       add_tally(make_difference(a, &b, spec.name, spec.place));
+    } else if (spec.kind == ReportKind::kAttitude) {
+      add_tally(make_attitude(a, b, spec.name, spec.place));
     } else {
       const std::string what = a.name + " * " + b.name;
       works_.emplace_back(spec.name.empty() ? what : spec.name, what, make_power(a, b, spec.place));
@@ -199,8 +214,8 @@ std::vector<Tally> Statistics::tallies() const {
   std::vector<Tally> result;
   std::size_t first = 0;
   for (const Difference& d : tallies_) {
-    Tally& tally =
-        result.emplace_back(Tally{d.name, d.what, d.si, {}, {}, {}, 0, 0, d.name_of_a, d.name_of_b, d.factor, d.offset});
+    Tally& tally = result.emplace_back(
+        Tally{d.name, d.what, d.si, {}, {}, {}, 0, 0, d.name_of_a, d.name_of_b, d.factor, d.offset, d.attitude});
     double squares = 0;
     for (const Tallied& t : std::span(tallied_).subspan(first, d.a.size())) {
       tally.rms.push_back(root_mean(t.sum.squares, samples_));

@@ -1,6 +1,8 @@
 #pragma once
+#include <array>
 #include <cmath>
 #include <cstdint>
+#include <memory>
 #include <span>
 #include <string>
 #include <vector>
@@ -11,7 +13,7 @@
 /// Figures of merit, computed at every tick of the run.
 namespace cotwin::master {
 
-/// RMS and largest magnitude of a signal or of a difference of two, element by element.
+/// RMS and largest magnitude of a signal, of a difference of two or of a rotation vector between two attitudes, element by element.
 struct Tally {
   std::string name;  // "joint torque"
   std::string what;  // "drive.tau_J", "drive.q - motion.q_d"
@@ -21,6 +23,7 @@ struct Tally {
   double total_rms = 0, total_max = 0;  // over all elements
   std::string a{}, b{};                 // the signals; b is empty if there is one alone
   double factor = 1, offset = 0;        // a − (factor · b + offset)
+  bool attitude = false;                // a and b are quaternions
 };
 
 /// ∫ Σ effort · flow dt, split into positive and negative parts element by element: if one joint drives and another brakes,
@@ -51,6 +54,7 @@ class Statistics {
   /// Samples the values at `now`. Allocates nothing.
   void sample(Time now) {
     ++samples_;
+    for (Attitude& attitude : attitudes_) attitude.update();
     for (Tallied& t : tallied_) t.sum.add(t.b == nullptr ? *t.a : *t.a - (t.factor * *t.b + t.offset), now);
     if (more_than_tallies_) [[unlikely]]
       sample_others(now);
@@ -72,6 +76,13 @@ class Statistics {
     std::span<const double> a, b;
     double factor = 1, offset = 0;
     std::string name_of_a{}, name_of_b{};
+    bool attitude = false;
+  };
+  /// A rotation vector between two quaternions.
+  struct Attitude {
+    std::span<const double, 4> a, b;
+    std::shared_ptr<std::array<double, 3>> turn;  // of all copies: update() comes before its use
+    void update();
   };
   struct Sum {
     double squares = 0, max = 0;
@@ -121,6 +132,7 @@ class Statistics {
     double positive = 0, negative = 0;
   };
   static Difference make_difference(const Signal& a, const Signal* b, std::string name, const std::string& place);
+  Difference make_attitude(const Signal& a, const Signal& b, std::string name, const std::string& place);
   static Power make_power(const Signal& effort, const Signal& flow, const std::string& place);
 
   void add_tally(Difference difference);
@@ -129,6 +141,7 @@ class Statistics {
   static void each_number(Self& self, Each each);
   void sample_others(Time now);
 
+  std::vector<Attitude> attitudes_;
   std::vector<Tallied> tallied_;  // the elements of all tallies, one tally after the other
   std::int64_t samples_ = 0;
   bool more_than_tallies_ = false;

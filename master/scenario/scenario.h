@@ -141,13 +141,16 @@ struct BondSpec {
   double reference = 1;  // J; energy below which the scenario's tolerance is not relative to the bond's energy
 };
 
-enum class ReportKind : std::uint8_t { kSignal, kDifference, kEnergy };
-inline constexpr std::pair<const char*, ReportKind> kReportWords[] = {
-    {"signal", ReportKind::kSignal}, {"difference", ReportKind::kDifference}, {"energy", ReportKind::kEnergy}};
+enum class ReportKind : std::uint8_t { kSignal, kDifference, kAttitude, kEnergy };
+inline constexpr std::pair<const char*, ReportKind> kReportWords[] = {{"signal", ReportKind::kSignal},
+                                                                      {"difference", ReportKind::kDifference},
+                                                                      {"attitude", ReportKind::kAttitude},
+                                                                      {"energy", ReportKind::kEnergy}};
 
 /// An entry of the summary at the end of a run, per element and for all elements together.
 ///   signal      RMS and largest magnitude of `a`
 ///   difference  the same of a − b, e.g. a tracking error
+///   attitude    the same of the rotation vector (rad) that turns the axes of quaternion b into those of a, in the axes of b
 ///   energy      the integral of Σ a·b over time, `a` an effort and `b` a flow
 struct ReportSpec {
   std::string name;  // "joint torque"; "": composed of kind and signals

@@ -30,4 +30,10 @@ void put_quaternion(const Eigen::Matrix3d& R, Values& quat) {
   quat = {Q.w(), Q.x(), Q.y(), Q.z()};
 }
 
+Eigen::Vector3d turn_between(std::span<const double, 4> from, std::span<const double, 4> to) {
+  const Eigen::Quaterniond A(from[0], from[1], from[2], from[3]), B(to[0], to[1], to[2], to[3]), turn = A.conjugate() * B;
+  const double sine = turn.vec().stableNorm(), angle = 2 * std::atan2(sine, std::abs(turn.w()));
+  return std::copysign(sine > 0 ? angle / sine : 0, turn.w()) * turn.vec();
+}
+
 }  // namespace cotwin

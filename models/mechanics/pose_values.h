@@ -1,4 +1,5 @@
 #pragma once
+#include <span>
 #include <string>
 #include <vector>
 
@@ -15,5 +16,7 @@ Pose pose_of_input(const std::string& place, const std::string& prefix, const ch
                    const std::vector<double>& quat);
 /// Writes the quaternion (w, x, y, z) of R with w ≥ 0.
 void put_quaternion(const Eigen::Matrix3d& R, std::vector<double>& quat);
+/// The rotation vector (rad, up to π long) that turns the axes of quaternion `from` into those of `to`, in the axes of `from`. Lengths do not count.
+Eigen::Vector3d turn_between(std::span<const double, 4> from, std::span<const double, 4> to);
 
 }  // namespace cotwin

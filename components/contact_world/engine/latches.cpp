@@ -28,18 +28,16 @@ Matrix3d axes_along(const Vector3d& vector) {
 
 }  // namespace
 
-bool World::Impl::latched(int a, int b) const {
-  return std::any_of(latches.begin(), latches.end(), [&](const Latch& latch) { return latch.joins(a, b); });
-}
-
 /// Marks the bodies that separate() never moves, and has contacts found anew: latched bodies have none with one another.
 void World::Impl::latches_changed() {
   stale = true;
   restored = false;
   for (std::size_t b = 0; b < bodies.size(); ++b) frozen[b] = !bodies[b].dynamic();
   for (const int body : linked) frozen[index(body)] = 1;
+  collision.clear_joined();
   for (const Latch& latch : latches) {
     if (!latch.closed) continue;
+    if (std::min(latch.joint.parent, latch.joint.child) >= 0) collision.add_joined(latch.joint.parent, latch.joint.child);
     for (const int body : {latch.joint.parent, latch.joint.child}) {
       if (body >= 0) frozen[index(body)] = 1;
     }

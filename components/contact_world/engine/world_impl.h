@@ -165,7 +165,6 @@ struct World::Impl {
   static double small_energy_of(const scene::Scene& scene);
 
   // Of latches; latches.cpp
-  bool latched(int a, int b) const;
   void latches_changed();
   void begin_latches();
   void apply_soft_latches(Stage stage);

@@ -171,7 +171,6 @@ void World::Impl::update_points() {
   }
   for (const ContactPoint& point : collision.points()) {
     if (!bodies[index(point.body_a)].dynamic() && !bodies[index(point.body_b)].dynamic()) continue;
-    if (latched(point.body_a, point.body_b)) continue;
     const scene::Material& a = *materials[index(point.body_a)][index(point.shape_a)];
     const scene::Material& b = *materials[index(point.body_b)][index(point.shape_b)];
     Contact touch;

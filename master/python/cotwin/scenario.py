@@ -226,7 +226,7 @@ class Scenario:
         return self
 
     def report(self, name: str, a: str, b: str | None = None, *, kind: str | None = None) -> Scenario:
-        """RMS and largest magnitude of `a`, or of `a` − `b`; kind="energy": the integral of `a` · `b`."""
+        """RMS and largest magnitude of `a`, or of `a` − `b`; kind="attitude": of the rotation vector from quaternion b to a; kind="energy": the integral of `a` · `b`."""
         kind = kind or ("signal" if b is None else "difference")
         self._reports.append(f"<cotwin:Report{_attributes(name=name, kind=kind, a=a, b=b)}/>")
         return self

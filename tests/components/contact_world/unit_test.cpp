@@ -813,9 +813,35 @@ TEST(ContactWorld, ReportsErrorsInItsSettingsAndInputs) {
   world["cube.p0"][2] = std::numeric_limits<double>::quiet_NaN();
   EXPECT_THAT(error_of([&] { world.initialise(); }), HasSubstr("cube.p0[3]"));
   world["cube.p0"][2] = 0.05;
+  world["cube.w0"][0] = std::numeric_limits<double>::infinity();
+  EXPECT_THAT(error_of([&] { world.initialise(); }), HasSubstr("cube.w0[1]"));
+  world["cube.w0"][0] = 0;
   world.initialise();
   world["cube.f"][1] = std::numeric_limits<double>::quiet_NaN();
   EXPECT_THAT(error_of([&] { world.step(1e-3); }), HasSubstr("cube.f[2]"));
+}
+
+// A cube keeps its spin about any axis. The scene's velocity is the start value of the parameters.
+TEST(ContactWorld, BodiesStartAtTheVelocityOfTheSceneOrOfTheirParameters) {
+  Subject given("unit:contact_world?scene=" + kFloor);
+  given.set("gravity", {0, 0, 0}).set("cube.p0", {0, 0, 2}).set("cube.v0", {0.1, 0.2, 0.3}).set("cube.w0", {0.3, -0.6, 0.6});
+  const testing::TemporaryFolder folder("velocity");
+  std::string scene = testing::content(kFloor);
+  scene.insert(scene.rfind("<inertial>"),
+               "<cotwin:velocity xmlns:cotwin='urn:cotwin:scene:1'>0.1 0.2 0.3 0.3 -0.6 0.6</cotwin:velocity>");
+  folder.write("moving.sdf", scene);
+  Subject read("unit:contact_world?scene=" + (folder.path() / "moving.sdf").string());
+  read.set("gravity", {0, 0, 0}).set("cube.p0", {0, 0, 2});
+  for (Subject* world : {&given, &read}) {
+    world->initialise();
+    for (int i = 0; i < 1000; ++i) world->step(1e-3);
+    const auto p = (*world)["cube.p"], quat = (*world)["cube.quat"], w = (*world)["cube.w"];
+    EXPECT_NEAR(p[0], 0.1, 1e-12);
+    EXPECT_NEAR(p[2], 2.3, 1e-12);
+    EXPECT_NEAR(w[1], -0.6, 1e-12);
+    EXPECT_NEAR(quat[0], std::cos(0.45), 1e-7);  // 0.9 rad
+    EXPECT_NEAR(quat[2], -2.0 / 3 * std::sin(0.45), 1e-7);
+  }
 }
 
 TEST(ContactWorld, FollowsTheTunablesOfAFoundationToTheSameBitsFromARestoredSnapshot) {

@@ -320,6 +320,18 @@ TEST(ReportRecording, ComputesResidualsOfSignalsThatWereRecorded) {
   EXPECT_THAT(recording.residuals[1].curves, IsEmpty());
 }
 
+TEST(ReportRecording, ComputesRotationVectorsBetweenQuaternions) {
+  Residual r{"turn", "rad", "a.Q", "b.Q", 1, 0, {}, {}, true}, short_one{"other", "rad", "a.q", "b.q", 1, 0, {}, {}, true};
+  const LoadedRecording recording = loaded(
+      "time,a.Q[1],a.Q[2],a.Q[3],a.Q[4],b.Q[1],b.Q[2],b.Q[3],b.Q[4],a.q,b.q\n0,1,0,0,0,1,0,0,0,1,1\n1,0.8,0,0.6,0,1,0,0,0,1,"
+      "1\n",
+      {{}, {}, {r, short_one}, {}});
+  ASSERT_EQ(recording.residuals[0].curves.size(), 3u);
+  EXPECT_EQ(recording.residuals[0].curves[0].figures().largest(), 0);
+  EXPECT_NEAR(recording.residuals[0].curves[1].figures().last, 2 * std::asin(0.6), 1e-15);
+  EXPECT_THAT(recording.residuals[1].curves, IsEmpty());
+}
+
 TEST(ReportRecording, FindsContacts) {
   const LoadedRecording r = loaded(
       "time,world.contacts,world.force,world.penetration,other.f_c[1],other.f_c[2]\n"

@@ -47,6 +47,26 @@ TEST(Statistics, ADifferenceIsTakenInTheMeasureOfTheFirst) {
   EXPECT_EQ(t.max[0], 2);
 }
 
+// A turn about x by 0.6, then one about the new z by 0.4, the second one seen from the first; a quaternion of the other sign or length is the same attitude.
+TEST(Statistics, AnAttitudeIsTheRotationVectorBetweenTwoQuaternions) {
+  Build b;
+  b.unit("b", "gain?n=4").with("u[1]", std::cos(0.3)).with("u[2]", std::sin(0.3));
+  b.unit("a", "gain?n=4").with("u[1]", -2 * std::cos(0.3) * std::cos(0.2)).with("u[2]", -2 * std::sin(0.3) * std::cos(0.2));
+  b.with("u[3]", 2 * std::sin(0.3) * std::sin(0.2)).with("u[4]", -2 * std::cos(0.3) * std::sin(0.2));
+  b.scenario.reports.push_back({"", ReportKind::kAttitude, "a.y", "b.y", ""});
+  b.scenario.reports.push_back({"none", ReportKind::kAttitude, "b.y", "b.y", ""});
+  const Summary s = run(b);
+  const Tally& t = s.tallies.at(0);
+  EXPECT_EQ(t.name, "attitude of a.y against b.y");
+  EXPECT_EQ(t.si, "rad");
+  ASSERT_EQ(t.max.size(), 3u);
+  EXPECT_NEAR(t.max[0], 0, 1e-15);
+  EXPECT_NEAR(t.max[1], 0, 1e-15);
+  EXPECT_NEAR(t.max[2], 0.4, 1e-15);
+  EXPECT_NEAR(t.rms[2], 0.4, 1e-15);
+  EXPECT_EQ(s.tallies.at(1).total_max, 0);
+}
+
 TEST(Statistics, EnergyIsTheIntegralOfEffortTimesFlow) {
   // Two masses and a spring: the work of the spring torque on side b is the kinetic energy of b.
   Build b;
@@ -164,6 +184,10 @@ TEST(Statistics, RefusesSignalsThatCannotBeCompared) {
                 s.reports.push_back({"", ReportKind::kEnergy, "a.y", "a.u", "test.ssd:81"});
               }),
               HasSubstr("is not a power"));
+  EXPECT_THAT(refusal([](Scenario& s) {
+                s.reports.push_back({"", ReportKind::kAttitude, "a.y", "a.u", "test.ssd:82"});
+              }),
+              HasSubstr("test.ssd:82: a.y has 3 elements, expected a quaternion"));
 }
 
 }  // namespace

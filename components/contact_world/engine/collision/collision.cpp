@@ -33,13 +33,15 @@ struct Collision::Impl {
   void sweep(double margin);
   void add_candidate(std::uint32_t i, std::uint32_t j);
   bool ignores(std::uint32_t a, std::uint32_t b) const {
-    return std::binary_search(ignored.begin(), ignored.end(), std::pair(a, b));
+    const std::pair pair(a, b);
+    return std::binary_search(ignored.begin(), ignored.end(), pair) || std::ranges::find(joined, pair) != joined.end();
   }
   void add_points(const Candidate& candidate, double margin);
 
   std::vector<Piece> pieces;
   std::vector<std::uint32_t> planes;                             // pieces
   std::vector<std::pair<std::uint32_t, std::uint32_t>> ignored;  // bodies, sorted
+  std::vector<std::pair<std::uint32_t, std::uint32_t>> joined;   // by latches, as `ignored`
 
   std::vector<Placed> placed;         // in the world
   std::vector<std::uint32_t> moving;  // pieces of bodies that are not static
@@ -92,6 +94,7 @@ Collision::Impl::Impl(const scene::Scene& scene) {
   for (const auto& [a, b] : scene.no_contact) ignore(a, b);
   for (const scene::Joint& joint : scene.joints) ignore(joint.parent, joint.child);
   std::sort(ignored.begin(), ignored.end());
+  joined.reserve(scene.latches.size());
   placed.resize(pieces.size());
   for (std::size_t i = 0; i < pieces.size(); ++i) placed[i].convex = &pieces[i].convex;
   bounds.reserve(moving.size());
@@ -264,6 +267,11 @@ void Collision::set_present(int body, int shape, bool present) {
 }
 
 std::span<const Collision::Piece> Collision::pieces() const { return impl_->pieces; }
+void Collision::clear_joined() { impl_->joined.clear(); }
+void Collision::add_joined(int body_a, int body_b) {
+  const auto [low, high] = std::minmax(body_a, body_b);
+  impl_->joined.emplace_back(static_cast<std::uint32_t>(low), static_cast<std::uint32_t>(high));
+}
 bool Collision::ignores(int body_a, int body_b) const {
   const auto [low, high] = std::minmax(body_a, body_b);
   return impl_->ignores(static_cast<std::uint32_t>(low), static_cast<std::uint32_t>(high));

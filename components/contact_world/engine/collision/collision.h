@@ -62,6 +62,10 @@ class Collision {
   /// Whether the shapes of a tool (scene::Shape::tool) touch anything; at first they do not. Call detect() after it.
   void set_present(int body, int shape, bool present);
 
+  /// Bodies that a latch joins do not collide with one another. Call detect() after it.
+  void clear_joined();
+  void add_joined(int body_a, int body_b);
+
   /// Allocates memory for this number of contact points.
   void reserve(std::size_t points);
 

@@ -44,10 +44,6 @@ class Latch {
   /// At the end of a step: draws the frames on. Opens where the load was too large, and then returns true.
   bool advance(double h);
 
-  bool joins(int a, int b) const {
-    return closed && ((joint.parent == a && joint.child == b) || (joint.parent == b && joint.child == a));
-  }
-
   Joint joint;
   LatchLaw law;
   bool closed = false, holds = false;  // holds: it no longer slips, but breaks
