@@ -69,6 +69,7 @@ class Builder {
   /// The node that has the variable, or nodes_.size().
   std::size_t node_of(const Port& port, std::string_view* variable) const;
   void group();
+  void make_ghosts();
   void add_tracks(StagedRobot& robot, const std::vector<std::size_t>& members, const std::vector<std::size_t>& desired) const;
   /// Whether two nodes have robots with the same joints. They may differ in masses, as a robot and its twin.
   bool is_same_robot(std::size_t a, std::size_t b) const;
@@ -195,7 +196,7 @@ void Builder::add_tracks(StagedRobot& robot, const std::vector<std::size_t>& mem
                         : name == "q_d"      ? Role::kDesired
                         : name == "q_c"      ? Role::kCompliant
                                              : Role::kOther;
-      robot.tracks.push_back({role, signal});
+      robot.tracks.push_back({role, signal, {}});
     }
   }
 }
@@ -212,9 +213,9 @@ void Builder::read_pose(const std::string& component, const std::string& prefix,
 void Builder::place(StagedRobot& robot, const Node& node) const {
   robot.in_world = true;
   const std::string prefix = node.robot.empty() ? "" : node.robot + ".";
-  read_pose(node.component, prefix + "base_", robot.X_WB);
-  robot.base_p = node.prefix + "base_p";
-  robot.base_quat = node.prefix + "base_quat";
+  read_pose(node.component, prefix + "base_", robot.base.X_WB);
+  robot.base.p = node.prefix + "base_p";
+  robot.base.quat = node.prefix + "base_quat";
 }
 
 /// An event of a tool without `components` and `robot` means all robots that it can be mounted on.
@@ -330,6 +331,36 @@ void Builder::group() {
   }
 }
 
+/// A robot that starts where one of an earlier contact world does, with the same joints, is shown as its ghost with its own base; so are the bodies
+/// around it.
+void Builder::make_ghosts() {
+  const auto world_of = [&](const StagedRobot& robot) {
+    const auto found = std::ranges::find_first_of(stage_.worlds, robot.components);
+    return found == stage_.worlds.end() ? std::string() : *found;
+  };
+  const auto names = [&](const StagedRobot& robot) {
+    std::vector<std::string> all;
+    for (const robot::Joint& joint : stage_.models[robot.model].model->joints) all.push_back(joint.name);
+    return all;
+  };
+  std::vector<StagedRobot> shown;
+  for (StagedRobot& robot : stage_.robots) {
+    const std::string world = world_of(robot);
+    const auto same = std::ranges::find_if(shown, [&](const StagedRobot& other) {
+      return !world.empty() && !robot.tracks.empty() && world_of(other) != "" && world_of(other) != world &&
+             other.base.X_WB == robot.base.X_WB && names(other) == names(robot);
+    });
+    if (same == shown.end()) {
+      shown.push_back(std::move(robot));
+    } else {
+      same->tracks.push_back({StagedTrack::Role::kOther, robot.tracks.front().signal, robot.base});
+      stage_.ghosts.insert(world);
+    }
+  }
+  stage_.robots = std::move(shown);
+  for (const StagedRobot& robot : stage_.robots) stage_.ghosts.erase(world_of(robot));
+}
+
 /// Robots without a place stand one beside the other, unless there is a contact world.
 void spread(Stage& stage) {
   double y = 0;
@@ -339,7 +370,7 @@ void spread(Stage& stage) {
     double reach = 0.5;
     for (const robot::Joint& joint : stage.models[robot.model].model->joints) reach += joint.X_PJ.p.norm();
     if (count++ > 0) y += 0.7 * reach;
-    robot.X_WB.p.y() = y;
+    robot.base.X_WB.p.y() = y;
     y += 0.7 * reach;
   }
   if (count > 1) stage.remarks.push_back("the scenario gives the robots no places: they are shown beside one another, along y");
@@ -360,6 +391,7 @@ Stage Builder::build() {
     }
   }
   group();
+  make_ghosts();
   spread(stage_);
   return std::move(stage_);
 }
@@ -392,6 +424,10 @@ std::vector<double> given_numbers(const Scenario& scenario, const std::string& c
   return numbers;
 }
 
+bool is_of_ghost(const Stage& stage, std::string_view variable) {
+  return std::ranges::any_of(stage.ghosts, [&](const std::string& world) { return variable.starts_with(world + "."); });
+}
+
 Stage stage_of(const Scenario& scenario, const Recorded& recorded, std::span<const UnitType> types,
                const std::vector<fs::path>& folders) {
   return Builder(scenario, recorded, types, folders).build();
@@ -413,7 +449,7 @@ Stage stage_of(const StagedModel& model, const Recorded& recorded) {
                         : name == "q_d"      ? Role::kDesired
                         : name == "q_c"      ? Role::kCompliant
                                              : Role::kOther;
-      robot.tracks.push_back({role, signal.name});
+      robot.tracks.push_back({role, signal.name, {}});
       robot.prefixes.push_back(signal.name.substr(0, signal.name.size() - name.size()));
       std::string component = robot.prefixes.back();
       if (component.ends_with('.')) component.pop_back();

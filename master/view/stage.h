@@ -25,11 +25,18 @@ struct StagedModel {
   std::filesystem::path urdf;
 };
 
+/// Where the base of a robot is: its start, and the signals of its motion, which may not be recorded.
+struct StagedBase {
+  Pose X_WB;
+  std::string p, quat;
+};
+
 /// Joint positions that a recording has of a robot.
 struct StagedTrack {
   enum class Role { kMain, kDesired, kCompliant, kOther };
   Role role = Role::kOther;
-  std::string signal;  // n elements
+  std::string signal;              // n elements
+  std::optional<StagedBase> base;  // its own, not the robot's
 };
 
 /// A tool that events of the scenario mount on a robot and remove.
@@ -51,10 +58,9 @@ struct StagedRobot {
   std::vector<std::string> components;  // "drive", "world"
   std::vector<StagedTrack> tracks;      // the main one first
   std::vector<StagedTool> tools;        // in the order of their events
-  Pose X_WB;
-  std::string base_p, base_quat;  // signals; may not be recorded
-  bool in_world = false;          // its base has a place: in a contact world, beside a monitor, or floating
-  std::vector<double> q0;         // n
+  StagedBase base;
+  bool in_world = false;   // its base has a place: in a contact world, beside a monitor, or floating
+  std::vector<double> q0;  // n
 };
 
 struct StagedBody {
@@ -67,9 +73,13 @@ struct Stage {
   std::vector<StagedRobot> robots;
   std::vector<StagedBody> bodies;
   std::vector<std::string> worlds;    // components with a contact world
+  std::set<std::string> ghosts;       // those of which all robots are ghosts of others
   std::vector<std::string> monitors;  // prefixes of the distances of monitors: "monitor.left."
   std::vector<std::string> remarks;
 };
+
+/// Whether a variable belongs to such a world.
+bool is_of_ghost(const Stage& stage, std::string_view variable);
 
 /// The stage of a scenario with its recording. Components whose robot or scene cannot be read are left out, with a remark.
 Stage stage_of(const Scenario& scenario, const Recorded& recorded, std::span<const UnitType> types,

@@ -47,6 +47,7 @@ class Writer {
   Json figure_json(const StagedRobot& robot, std::size_t index);
   bool floats(const StagedRobot& robot) const;
   void add_live_matrices(Json& json, const StagedRobot& robot, std::size_t index) const;
+  void add_base(Json& json, const StagedBase& base) const;
   Json tau_e_json(const StagedRobot& robot) const;
   std::string add_matrix(const std::string& name, const MatrixOverTime& matrix, const char* unit);
   /// The controller of a robot whose stiffness is shown, as a function of the row; `lacks` says what must be recorded.
@@ -231,7 +232,7 @@ Json Writer::tau_e_json(const StagedRobot& robot) const {
 
 /// Whether the base of the robot moves freely: only then its pose is recorded.
 bool Writer::floats(const StagedRobot& robot) const {
-  return is_recorded(robot.base_quat, 4) && stage_.models[robot.model].model->base.inertia.unphysical().empty();
+  return is_recorded(robot.base.quat, 4) && stage_.models[robot.model].model->base.inertia.unphysical().empty();
 }
 
 /// Names of the matrices that the page calculates, and the signal that has the stiffness.
@@ -264,17 +265,23 @@ void Writer::add_live_matrices(Json& json, const StagedRobot& robot, std::size_t
   }
 }
 
+void Writer::add_base(Json& json, const StagedBase& base) const {
+  json["base"] = Json::object();
+  add_pose(json["base"], base.X_WB);
+  json["base_p"] = is_recorded(base.p, 3) ? base.p : "";
+  json["base_quat"] = is_recorded(base.quat, 4) ? base.quat : "";
+}
+
 Json Writer::figure_json(const StagedRobot& robot, std::size_t index) {
   static constexpr const char* kRoles[] = {"main", "desired", "compliant", "other"};
   Json json = {{"name", robot.name}, {"robot", robot.model}};
-  json["base"] = Json::object();
-  add_pose(json["base"], robot.X_WB);
-  json["base_p"] = is_recorded(robot.base_p, 3) ? robot.base_p : "";
-  json["base_quat"] = is_recorded(robot.base_quat, 4) ? robot.base_quat : "";
+  add_base(json, robot.base);
   json["q0"] = robot.q0;
   json["tracks"] = Json::array();
-  for (const StagedTrack& track : robot.tracks)
+  for (const StagedTrack& track : robot.tracks) {
     json["tracks"].push_back({{"role", kRoles[static_cast<std::size_t>(track.role)]}, {"signal", track.signal}});
+    if (track.base) add_base(json["tracks"].back(), *track.base);
+  }
   json["tools"] = Json::array();
   for (const StagedTool& tool : robot.tools) json["tools"].push_back(tool_json(tool));
   json["tau_e"] = tau_e_json(robot);
@@ -305,12 +312,12 @@ Json Writer::figure_json(const StagedRobot& robot, std::size_t index) {
 Json Writer::contacts_json() const {
   Json contacts = Json::array();
   for (const RecordedSignal& signal : recorded_.signals) {
-    if (!signal.name.ends_with(".contact_p")) continue;
+    if (!signal.name.ends_with(".contact_p") || is_of_ghost(stage_, signal.name)) continue;
     const std::string f = signal.name.substr(0, signal.name.size() - 1) + "f";
     if (is_recorded(f, signal.count)) contacts.push_back({{"p", signal.name}, {"f", f}});
   }
   for (const RecordedSignal& signal : recorded_.signals) {  // latches
-    if (!signal.name.ends_with(".closed")) continue;
+    if (!signal.name.ends_with(".closed") || is_of_ghost(stage_, signal.name)) continue;
     const std::string prefix = signal.name.substr(0, signal.name.size() - 6);
     if (is_recorded(prefix + "p", 3) && is_recorded(prefix + "f", 3))
       contacts.push_back({{"p", prefix + "p"}, {"f", prefix + "f"}});
@@ -383,7 +390,9 @@ Json Writer::write() {
   std::string still;
   for (const StagedBody& staged : stage_.bodies) {
     const std::string p = staged.prefix + ".p", quat = staged.prefix + ".quat";
-    Json body = {{"name", staged.body.name}, {"fixed", staged.body.motion == scene::Motion::kStatic}};
+    Json body = {{"name", staged.body.name},
+                 {"fixed", staged.body.motion == scene::Motion::kStatic},
+                 {"ghost", is_of_ghost(stage_, staged.prefix)}};
     add_pose(body, staged.body.X_WB);
     body["p_signal"] = is_recorded(p, 3) ? p : "";
     body["quat_signal"] = is_recorded(quat, 4) ? quat : "";

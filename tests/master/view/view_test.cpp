@@ -262,7 +262,7 @@ TEST(Stage, ShowsTwoRobotsAtTheirPlacesInAContactWorldWithItsBodies) {
     EXPECT_TRUE(robot.in_world);
     EXPECT_EQ(robot.tracks.size(), 1u) << robot.name;
   }
-  EXPECT_GT((stage.robots[0].X_WB.p - stage.robots[1].X_WB.p).norm(), 0.5);
+  EXPECT_GT((stage.robots[0].base.X_WB.p - stage.robots[1].base.X_WB.p).norm(), 0.5);
   EXPECT_FALSE(stage.bodies.empty());
   EXPECT_THAT(stage.worlds, ElementsAre("world"));
 }
@@ -272,11 +272,11 @@ TEST(Stage, ShowsFloatingRobotsAtTheirPlaces) {
       recording_of({{"rigid.q", 7}, {"rigid.base_p", 3}, {"rigid.base_quat", 4}, {"elastic.q", 7}, {"world.q", 7}});
   const Stage stage = stage_of_example("21_reaction/reaction.ssd", recorded);
   ASSERT_EQ(stage.robots.size(), 3u);
-  EXPECT_EQ(stage.robots[0].X_WB.p, Eigen::Vector3d(0, -2, 1));
-  EXPECT_EQ(stage.robots[0].base_quat, "rigid.base_quat");
-  EXPECT_EQ(stage.robots[1].base_quat, "");
-  EXPECT_EQ(stage.robots[2].X_WB.p, Eigen::Vector3d(0, 2, 1));
-  EXPECT_EQ(stage.robots[2].base_quat, "world.base_quat");
+  EXPECT_EQ(stage.robots[0].base.X_WB.p, Eigen::Vector3d(0, -2, 1));
+  EXPECT_EQ(stage.robots[0].base.quat, "rigid.base_quat");
+  EXPECT_EQ(stage.robots[1].base.quat, "");
+  EXPECT_EQ(stage.robots[2].base.X_WB.p, Eigen::Vector3d(0, 2, 1));
+  EXPECT_EQ(stage.robots[2].base.quat, "world.base_quat");
 }
 
 // The monitor's robots are those of the motions that it follows, at its places, and its person is that of the contact world.
@@ -302,7 +302,7 @@ TEST(Stage, ShowsWhatAMonitorWatches) {
   EXPECT_THAT(stage.remarks, IsEmpty());
   ASSERT_EQ(stage.robots.size(), 2u);
   EXPECT_THAT(words_of(stage.robots[1]), ElementsAre("main right.q_d"));
-  EXPECT_EQ(stage.robots[1].X_WB.p, Eigen::Vector3d(1.9, 0, 0));
+  EXPECT_EQ(stage.robots[1].base.X_WB.p, Eigen::Vector3d(1.9, 0, 0));
   ASSERT_EQ(stage.bodies.size(), 1u);
   EXPECT_EQ(stage.bodies[0].prefix, "floor.person");
   EXPECT_THAT(stage.worlds, ElementsAre("floor"));
@@ -324,6 +324,50 @@ TEST(Stage, PutsBodiesWhereTheScenarioPutsThem) {
   const Pose pose = stage_of(scenario, {}, unit_types(), {scenario.folder, root / "models"}).bodies.at(0).body.X_WB;
   EXPECT_EQ(pose.p, Eigen::Vector3d(0.5008, 0.25, -0.07));
   EXPECT_EQ(pose.R, Eigen::Matrix3d(Eigen::Vector3d(-1, -1, 1).asDiagonal()));
+}
+
+// Fig. 17b: a fixed cell and its free twin start at the same place, each in a contact world of its own.
+TEST(Stage, ShowsARobotOfAnotherWorldThatStartsAtTheSamePlaceAsAGhostWithItsOwnBase) {
+  const fs::path root = places::source();
+  const Scenario scenario = load_scenario(root / "examples/24_satellite_servicing/servicing.ssd");
+  const std::vector<fs::path> folders = {scenario.folder, root / "models"};
+  const Recorded recorded = recording_of({{"free_world.q", 14},
+                                          {"free_world.base_p", 3},
+                                          {"free_world.base_quat", 4},
+                                          {"free_world.block_1.p", 3},
+                                          {"free_world.block_1.quat", 4},
+                                          {"fixed_world.q", 14},
+                                          {"free_world.grip.closed", 1},
+                                          {"free_world.grip.p", 3},
+                                          {"free_world.grip.f", 3},
+                                          {"fixed_world.grip.closed", 1},
+                                          {"fixed_world.grip.p", 3},
+                                          {"fixed_world.grip.f", 3}});
+  const Stage stage = stage_of(scenario, recorded, unit_types(), folders);
+  ASSERT_EQ(stage.robots.size(), 1u);
+  EXPECT_THAT(words_of(stage.robots[0]), ElementsAre("main free_world.q", "other fixed_world.q"));
+  ASSERT_EQ(stage.bodies.size(), 8u);
+  for (const StagedBody& body : stage.bodies)
+    EXPECT_EQ(is_of_ghost(stage, body.prefix), body.prefix.starts_with("fixed_world.")) << body.prefix;
+  CalculatedTable calculated;
+  Packer packer;
+  std::vector<std::string> remarks;
+  const auto page = stage_json({stage, recorded, &scenario, unit_types(), folders}, {}, calculated, packer, remarks);
+  ASSERT_EQ(page.at("contacts").size(), 1u);
+  EXPECT_EQ(page.at("contacts")[0].at("f"), "free_world.grip.f");
+  for (std::size_t i = 0; i < 8; ++i) EXPECT_EQ(page.at("bodies")[i].at("ghost"), is_of_ghost(stage, stage.bodies[i].prefix));
+  const auto& figure = page.at("figures")[0];
+  EXPECT_EQ(figure.at("base_quat"), "free_world.base_quat");
+  EXPECT_FALSE(figure.at("tracks")[0].contains("base"));
+  EXPECT_EQ(figure.at("tracks")[1].at("base_quat"), "");
+  EXPECT_EQ(figure.at("tracks")[1].at("base").at("p"), (std::vector<double>{0, 0, 0}));
+
+  Scenario apart = scenario;
+  assign(apart, "fixed_world.base_p0=0 3 0", unit_types());
+  const Stage two = stage_of(apart, recorded, unit_types(), folders);
+  ASSERT_EQ(two.robots.size(), 2u);
+  EXPECT_EQ(two.robots[1].base.X_WB.p, Eigen::Vector3d(0, 3, 0));
+  EXPECT_TRUE(two.ghosts.empty());
 }
 
 // Fig. 14b: twins that follow the same desired motion are one robot with ghosts, also where each has a workpiece of its own.

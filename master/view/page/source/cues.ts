@@ -2,7 +2,7 @@ import * as three from 'three';
 import { kCues, kRoles } from './colours';
 import { Distances } from './distances';
 import { element, short } from './dom';
-import type { FigureView, Shown } from './figures';
+import type { BodyView, FigureView, Shown } from './figures';
 import type { PageData } from './format';
 import { reach_of } from './kinematics';
 import type { Matrices } from './matrices';
@@ -17,6 +17,7 @@ export interface Scenery {
   /// What is calculated beside the signals; undefined if there is nothing.
   calculated: Matrices | undefined;
   figures: FigureView[];
+  bodies: BodyView[];
   scene: three.Scene;
 }
 
@@ -107,7 +108,7 @@ export function round_down(x: number): number {
 
 const several = (figures: FigureView[], figure: FigureView): string => (figures.length > 1 ? `${figure.figure.name}: ` : '');
 
-/// Other positions of the same robot: desired, compliant, measured.
+/// Other positions of the same robot: desired, compliant, measured; what is around a robot of another world.
 class Ghosts implements Cue {
   readonly id = 'ghosts';
   readonly label = 'ghosts';
@@ -123,6 +124,7 @@ class Ghosts implements Cue {
   build(): void {}
   show(on: boolean): void {
     for (const figure of this.s.figures) for (const ghost of figure.ghosts) ghost.group.visible = on;
+    for (const view of this.s.bodies) if (view.body.ghost) view.group.visible = on;
   }
   /// The ghosts that are shown follow with their figures.
   update(): string[] {

@@ -1,7 +1,7 @@
 import * as three from 'three';
 import { kRoles } from './colours';
 import { Instances, type Member } from './instances';
-import type { Body, Figure, PageData, Robot, Tool, Track, Visual } from './format';
+import type { Base, Body, Figure, PageData, Robot, Tool, Track, Visual } from './format';
 import { Mechanism, frame_pose, matrix_of } from './kinematics';
 import { matte } from './materials';
 import { between, type Place, type Recording } from './recording';
@@ -51,11 +51,14 @@ export class RecordedPose {
   }
 }
 
+const base_pose_of = (at: Base, recording: Recording): RecordedPose => new RecordedPose(at.base, recording, at.base_p, at.base_quat);
+
 /// A robot that follows one signal.
 export class Shown {
   readonly group = new three.Group();
   readonly poses: three.Matrix4[];
   readonly q: number[];
+  private readonly own_base: RecordedPose | undefined;
   private readonly parts: three.Group[] = [];
 
   constructor(
@@ -66,6 +69,7 @@ export class Shown {
     private readonly recording: Recording,
   ) {
     this.poses = mechanism.bodies();
+    this.own_base = track.base === undefined ? undefined : base_pose_of(track as Base, recording);
     this.q = Array.from({ length: mechanism.robot.n }, (_, i) => start[i] ?? 0);
     for (const part of visuals) {
       part.matrixAutoUpdate = false;
@@ -80,6 +84,12 @@ export class Shown {
     return new three.Box3().setFromObject(this.parts[0]!).min.z;
   }
 
+  /// Where its base is; that of the figure unless it has its own.
+  base(place: Place, of_figure: three.Matrix4, matrix: three.Matrix4): void {
+    if (this.own_base === undefined) matrix.copy(of_figure);
+    else this.own_base.at(place, matrix);
+  }
+
   /// Positions that are not finite leave the joint where it is.
   place(place: Place, base: three.Matrix4): void {
     const columns = this.recording.values(this.track.signal);
@@ -88,7 +98,7 @@ export class Shown {
       if (Number.isFinite(value) && i < this.q.length) this.q[i] = value;
     });
     this.mechanism.place(this.q, this.poses);
-    this.group.matrix.copy(base);
+    this.base(place, base, this.group.matrix);
     this.parts.forEach((part, i) => {
       if (i > 0) part.matrix.copy(this.poses[i - 1]!);
     });
@@ -113,7 +123,7 @@ export class FigureView {
     meshes: Meshes,
   ) {
     const mechanism = new Mechanism(robot);
-    this.base_pose = new RecordedPose(figure.base, recording, figure.base_p, figure.base_quat);
+    this.base_pose = base_pose_of(figure, recording);
     const dressed = (track: Track): three.Group[] => {
       const ghost = track.role !== 'main';
       const looks = looks_of(kRoles[track.role], ghost ? 0.3 : 1);
@@ -207,7 +217,9 @@ export class FigureView {
         if (Number.isFinite(column[row]!) && i < q.length) q[i] = column[row]!;
       });
       shown.mechanism.place(q, poses);
-      this.base_pose.at({ row, next: row, share: 0 }, base);
+      const place = { row, next: row, share: 0 };
+      this.base_pose.at(place, base);
+      shown.base(place, base, base);
       const tip = frame_pose(this.robot, this.robot.tip, poses).premultiply(base);
       points[3 * k] = tip.elements[12]!;
       points[3 * k + 1] = tip.elements[13]!;
@@ -217,7 +229,7 @@ export class FigureView {
   }
 }
 
-/// A body of the scene. Its simple shapes are drawn as instances, the others in `group`.
+/// A body of the scene. Its simple shapes are drawn as instances, the others and those of ghosts in `group`.
 export class BodyView {
   readonly group = new three.Group();
   private readonly pose: RecordedPose;
@@ -233,9 +245,11 @@ export class BodyView {
   ) {
     this.pose = new RecordedPose(body, recording, body.p_signal, body.quat_signal);
     this.group.matrixAutoUpdate = false;
-    this.members = body.visuals.filter((visual) => Instances.takes(visual)).map((visual) => instances.add(visual, material.color));
+    const taken = (visual: Visual): boolean => !body.ghost && Instances.takes(visual);
+    this.group.visible = !body.ghost;
+    this.members = body.visuals.filter(taken).map((visual) => instances.add(visual, material.color));
     for (const visual of body.visuals) {
-      const object = Instances.takes(visual) ? undefined : visual_object(visual, points(visual), meshes, material, false);
+      const object = taken(visual) ? undefined : visual_object(visual, points(visual), meshes, material, body.ghost);
       if (object !== undefined) this.group.add(object);
     }
   }
@@ -260,8 +274,8 @@ export class BodyView {
 export function needed_signals(data: PageData): string[] {
   const names = new Set<string>();
   for (const figure of data.figures) {
+    for (const at of [figure, ...figure.tracks]) names.add(at.base_p ?? '').add(at.base_quat ?? '');
     for (const track of figure.tracks) names.add(track.signal);
-    names.add(figure.base_p).add(figure.base_quat);
   }
   for (const body of data.bodies) names.add(body.p_signal).add(body.quat_signal);
   names.delete('');

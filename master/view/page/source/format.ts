@@ -97,8 +97,15 @@ export interface Robot {
   inertias?: { mass: number; com: Vector; inertia: number[] }[];
 }
 
-/// What moves a figure: a signal with n elements.
-export interface Track {
+/// Where a base is: at the start, and the signals of its motion, empty if they are not recorded.
+export interface Base {
+  base: Pose;
+  base_p: string;
+  base_quat: string;
+}
+
+/// What moves a figure: a signal with n elements; a track with a base is not at that of the figure.
+export interface Track extends Partial<Base> {
   role: 'main' | 'desired' | 'compliant' | 'other';
   signal: string;
 }
@@ -119,12 +126,9 @@ export interface Tool extends Pose {
 }
 
 /// One robot on the stage.
-export interface Figure {
+export interface Figure extends Base {
   name: string;
   robot: number;
-  base: Pose;
-  base_p: string;
-  base_quat: string;
   q0: number[];
   tools: Tool[];
   tracks: Track[];
@@ -141,6 +145,7 @@ export interface Figure {
 export interface Body extends Pose {
   name: string;
   fixed: boolean;
+  ghost: boolean;
   p_signal: string;
   quat_signal: string;
   visuals: Visual[];

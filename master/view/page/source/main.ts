@@ -6,6 +6,7 @@ import { Controls } from './controls';
 import { Instances } from './instances';
 import { cues_of, type Cue } from './cues';
 import { button, element } from './dom';
+import { kRoles } from './colours';
 import { BodyView, FigureView, needed_signals } from './figures';
 import type { PageData, Visual } from './format';
 import { reach_of } from './kinematics';
@@ -13,6 +14,7 @@ import { LiveRecording } from './live_recording';
 import { LiveMatrices, RecordedMatrices, type Matrices } from './matrices';
 import { matte } from './materials';
 import { load_meshes } from './meshes';
+import { looks_of } from './shapes';
 import { unpack } from './packed';
 import { Player } from './player';
 import { Plot, TimeWindow } from './plots';
@@ -247,8 +249,9 @@ class Page {
     this.figures = data.figures.map((figure) => new FigureView(figure, data.robots[figure.robot]!, this.recording, of, meshes));
     const fixed = matte({ color: '#aab3bf', side: three.DoubleSide });
     const moving = matte({ color: '#56a0c9', side: three.DoubleSide });
+    const ghost = looks_of(kRoles.other, 0.3).body;
     const instances = new Instances();
-    this.bodies = data.bodies.map((body) => new BodyView(body, this.recording, of, meshes, body.fixed ? fixed : moving, instances));
+    this.bodies = data.bodies.map((body) => new BodyView(body, this.recording, of, meshes, body.ghost ? ghost : body.fixed ? fixed : moving, instances));
     instances.build();
     this.stage.scene.add(instances.group, ...[...this.figures, ...this.bodies].map((view) => view.group));
     const place = this.recording.place(this.player.time);
@@ -266,11 +269,11 @@ class Page {
   }
 
   private add_cues(): void {
-    const { data, recording, figures } = this;
+    const { data, recording, figures, bodies } = this;
     if (this.live !== undefined) this.calculated = new LiveMatrices(recording, figures);
     const calculated = this.calculated;
     const size = Math.max(0.3, ...figures.map((view) => reach_of(view.robot)));
-    this.cues = cues_of({ data, recording, calculated, figures, scene: this.stage.scene }, figures.length > 0 ? size : 1);
+    this.cues = cues_of({ data, recording, calculated, figures, bodies, scene: this.stage.scene }, figures.length > 0 ? size : 1);
     const panel = document.getElementById('cues')!;
     const keys = document.getElementById('keys')!;
     for (const cue of this.cues) {

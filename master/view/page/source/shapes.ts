@@ -8,7 +8,7 @@ import { matte } from './materials';
 export type Meshes = (three.Object3D | undefined)[];
 
 export interface Looks {
-  body: three.Material;
+  body: three.MeshBasicMaterial;
   joint: three.Material;
   /// Of the solids of the base, then of the bodies in turns, so that neighbours differ.
   base: three.Material;
@@ -19,7 +19,7 @@ export function looks_of(colour: string, opacity: number): Looks {
   const transparent = opacity < 1;
   // A ghost that is where its robot is does not cover it.
   const common = { transparent, opacity, depthWrite: !transparent, polygonOffset: transparent, polygonOffsetFactor: 2, polygonOffsetUnits: 8 };
-  const made = (own: string): three.Material => matte({ color: transparent ? colour : own, ...common });
+  const made = (own: string): three.MeshBasicMaterial => matte({ color: transparent ? colour : own, ...common });
   return { body: made('#c9cdd3'), joint: made(colour), base: made('#6d7784'), links: [made('#dfe3e8'), made('#f0a24a')] };
 }
 
