@@ -12,7 +12,7 @@ const cotwin = join(root, 'build/release/bin/cotwin');
 const folder = mkdtempSync(join(tmpdir(), 'cotwin_pictures_'));
 const kReady = "document.readyState === 'complete'"; // of pages without a script
 
-// cues: keys; t: time that is shown, s; report: heading of the report that is shown; only3d: without the panels, since the picture is small; closer: share of the distance that the camera moves on
+// cues: keys; t: time that is shown, s; report: heading of the report that is shown; only3d: without the panels, since the picture is small; closer: share of the distance that the camera moves on; from, to: the camera, and what it looks at
 const pictures = [
   { name: 'view', scenario: '02_free_motion_lwr4/twin.ssd', cues: 'tm', t: 4, size: [1180, 700] },
   { name: 'peg', scenario: '04_peg_in_hole/twin.ssd', cues: 'gt', t: 24.5, only3d: true, closer: 0.15 },
@@ -22,6 +22,9 @@ const pictures = [
   { name: 'reaction', scenario: '21_reaction/reaction.ssd', cues: '', t: 6.7, only3d: true, closer: 0.3 },
   { name: 'reactionless', script: '22_reactionless/run.sh', results: ['run'], cues: 't', t: 5, only3d: true, closer: 0.3 },
   { name: 'latch', scenario: '23_latch/latch.ssd', cues: 'tc', t: 4.5, only3d: true, closer: 0.3 },
+  { name: 'servicing', script: '24_satellite_servicing/run.sh', results: ['run'], cues: 'g', t: 4.15, only3d: true, closer: 0.35 },
+  { name: 'insertion', script: '24_satellite_servicing/run.sh', results: ['run'], cues: 'g', t: 13.8, only3d: true, from: [1.4, -1.2, 1.5], to: [0.5, -0.1, 0.75] },
+  { name: 'corrected', script: '24_satellite_servicing/run.sh', results: ['corrected'], cues: 't', t: 4.15, only3d: true, closer: 0.35 },
   { name: 'mes', script: '12_mes/run.sh', results: ['quintic', 'cheaper'], report: 'against' },
   { name: 'report', scenario: '02_free_motion_lwr4/twin.ssd', report: 'Residuals' },
   { name: 'live', scenario: '10_cooperation/guidance.ssd', live: true, cues: 'gch', t: 6, size: [1180, 760] },
@@ -66,6 +69,7 @@ async function take(picture) {
     for (const key of picture.cues ?? '') await browser.key(key);
     if (picture.live) await browser.until(`cotwin.time >= ${picture.t}`);
     else if (picture.t !== undefined) await browser.evaluate(`cotwin.seek(${picture.t})`);
+    if (picture.from) await browser.evaluate(`cotwin.stage.controls.target.set(${picture.to}) && cotwin.stage.camera.position.set(${picture.from}) && cotwin.stage.controls.update()`);
     if (picture.closer) await browser.evaluate(`cotwin.stage.camera.position.lerp(cotwin.stage.controls.target, ${picture.closer}) && cotwin.stage.controls.update()`);
     if (picture.report) await browser.evaluate(`[...document.querySelectorAll('h3')].find((heading) => heading.textContent.includes('${picture.report}')).scrollIntoView()`);
     const clip = picture.only3d ? await browser.evaluate("(() => { const { x, y, width, height } = document.querySelector('canvas').getBoundingClientRect(); return { x, y, width, height, scale: 1 }; })()") : undefined;

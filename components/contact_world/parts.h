@@ -86,8 +86,8 @@ struct ContactWorld::Body {
   std::size_t index;  // in the world
   scene::Motion motion;
   std::vector<double> p0{0, 0, 0}, quat0{1, 0, 0, 0}, v0{0, 0, 0}, w0{0, 0, 0};  // parameters
-  std::vector<double> f{0, 0, 0}, m{0, 0, 0};          // inputs of a dynamic body
-  std::vector<double> v_d{0, 0, 0}, w_d{0, 0, 0};      // inputs of a driven one
+  std::vector<double> f{0, 0, 0}, m{0, 0, 0};                                    // inputs of a dynamic body
+  std::vector<double> v_d{0, 0, 0}, w_d{0, 0, 0};                                // inputs of a driven one
   std::vector<double> p{0, 0, 0}, quat{1, 0, 0, 0}, v{0, 0, 0}, w{0, 0, 0}, f_c{0, 0, 0}, m_c{0, 0, 0};  // outputs
   Foundation foundation;
 };

@@ -151,16 +151,12 @@ Json Writer::tool_json(const StagedTool& tool) {
   return json;
 }
 
-/// Masses (kg), centres of mass (m) and inertias about them (xx, xy, xz, yy, yz, zz, kg m²) of the bodies, in their axes.
-Json inertias_json(const robot::RobotModel& robot) {
-  Json all = Json::array();
-  for (const robot::Body& body : robot.bodies) {
-    const Eigen::Matrix3d& I = body.inertia.I_CC;
-    all.push_back({{"mass", body.inertia.mass},
-                   {"com", vector_json(body.inertia.p_LC)},
-                   {"inertia", {I(0, 0), I(0, 1), I(0, 2), I(1, 1), I(1, 2), I(2, 2)}}});
-  }
-  return all;
+/// Mass (kg), centre of mass (m) and inertia about it (xx, xy, xz, yy, yz, zz, kg m²).
+Json inertia_json(const Inertia& inertia) {
+  const Eigen::Matrix3d& I = inertia.I_CC;
+  return {{"mass", inertia.mass},
+          {"com", vector_json(inertia.p_LC)},
+          {"inertia", {I(0, 0), I(0, 1), I(0, 2), I(1, 1), I(1, 2), I(2, 2)}}};
 }
 
 std::string Writer::add_matrix(const std::string& name, const MatrixOverTime& matrix, const char* unit) {
@@ -240,8 +236,8 @@ void Writer::add_live_matrices(Json& json, const StagedRobot& robot, std::size_t
   const robot::RobotModel& model = *stage_.models[robot.model].model;
   const bool has_masses = std::ranges::all_of(model.bodies, [](const robot::Body& body) { return body.inertia.mass > 0; });
   const std::string of = "figure " + std::to_string(index);
-  // The page calculates with a fixed base.
-  const bool shown = !robot.tracks.empty() && !floats(robot);
+  const bool shown = !robot.tracks.empty();
+  json["floats"] = floats(robot);
   json["mobility"] = has_masses && shown ? of + " mobility" : "";
   json["velocity"] = shown ? of + " velocity" : "";
   json["stiffness"] = {{"signals", Json::array()},
@@ -382,7 +378,11 @@ Json Writer::write() {
   json["robots"] = Json::array();
   for (const StagedModel& model : stage_.models) {
     json["robots"].push_back(robot_json(model));
-    if (content_.live) json["robots"].back()["inertias"] = inertias_json(*model.model);
+    if (!content_.live) continue;
+    Json& robot = json["robots"].back();
+    robot["inertias"] = Json::array();
+    for (const robot::Body& body : model.model->bodies) robot["inertias"].push_back(inertia_json(body.inertia));
+    robot["base_inertia"] = inertia_json(model.model->base.inertia);
   }
   json["figures"] = Json::array();
   for (std::size_t i = 0; i < stage_.robots.size(); ++i) json["figures"].push_back(figure_json(stage_.robots[i], i));

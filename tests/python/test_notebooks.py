@@ -14,7 +14,7 @@ MOST_BYTES = 20_000
 
 class Notebooks(Case):
     def test_all_are_here(self):
-        self.assertEqual(sorted(f.stem for f in FOLDER.glob("*.ipynb")), ["dynamics", "scenario", "services", "tuning"])
+        self.assertEqual(sorted(f.stem for f in FOLDER.glob("*.ipynb")), ["dynamics", "scenario", "services", "servicing", "tuning"])
 
     def test_they_are_small_and_without_outputs(self):
         for file in FOLDER.glob("*.ipynb"):
@@ -27,9 +27,9 @@ class Notebooks(Case):
                     if cell["cell_type"] == "code":
                         self.assertEqual((cell["outputs"], cell["execution_count"]), ([], None))
 
-    def run_cells(self, name):
+    def run_cells(self, name, folder=None):
         before = os.getcwd()
-        os.chdir(self.folder)
+        os.chdir(folder or self.folder)
         self.addCleanup(os.chdir, before)
         scope = {"__name__": "__main__"}
         cells = json.loads((FOLDER / f"{name}.ipynb").read_text())["cells"]
@@ -39,6 +39,14 @@ class Notebooks(Case):
                 with contextlib.redirect_stdout(io.StringIO()):
                     exec(code, scope)
         return scope
+
+    def test_servicing(self):
+        scope = self.run_cells("servicing", FOLDER)
+        self.assertAlmostEqual(scope["turn"][scope["t"] < 4.2].max(), 7.3642, delta=1e-3)
+        (fixed, free), least = scope["found"][0], scope["least"]
+        self.assertAlmostEqual(fixed, scope["at"]("fixed_mass.effective_mass", 15.0), delta=1e-6)
+        self.assertLess(free, fixed)
+        self.assertLess(least, free - 0.2)
 
     def test_scenario(self):
         scope = self.run_cells("scenario")

@@ -193,8 +193,11 @@ void Reader::only_if(bool used, const char* name, const std::string& without) {
 void Reader::finish() const {
   for (const auto& [name, value] : object_.items()) {
     if (read_.contains(name)) continue;
-    const std::string known = text::joined({read_.begin(), read_.end()});
-    throw RequestError(pointer(name.substr(0, kLongestQuote).c_str()), "is an unknown member, expected one of " + known);
+    const std::string at = pointer(name.substr(0, kLongestQuote).c_str());
+    if (at == "/base" || at == "/momentum")
+      throw RequestError(
+          at, "is given, but this service knows fixed bases only; `reaction` and `reactionless` answer for a free base");
+    throw RequestError(at, "is an unknown member, expected one of " + text::joined({read_.begin(), read_.end()}));
   }
 }
 

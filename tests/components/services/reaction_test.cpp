@@ -451,6 +451,13 @@ TEST(ReactionService, RefusesWhatIsNoMotionAndNoBase) {
   EXPECT_THAT(refusal({{"base", {{"colour", 1}}}}), HasSubstr("/base/colour: is an unknown member"));
   EXPECT_THAT(refusal({{"momentum", {{"angular_Nms", {0, 0}}}}}), HasSubstr("/momentum/angular_Nms: has 2 values, expected 3"));
   EXPECT_THAT(refusal({{"series", {{"t_s", {0, 1}}, {"q_rad", {row, row}}}}}), HasSubstr("is an unknown member"));
+  for (const char* service : {"feasibility", "effective_mass", "energy", "verify"}) {
+    EXPECT_THAT(refusal({{"service", service}}),
+                HasSubstr("/base: is given, but this service knows fixed bases only; `reaction`"))
+        << service;
+    EXPECT_THAT(refusal({{"service", service}, {"base", nullptr}, {"momentum", {{"linear_Ns", {1, 0, 0}}}}}),
+                HasSubstr("`reactionless` answer for a free base"));
+  }
   EXPECT_THAT(series({{"t_s", {0, 1}}}),
               HasSubstr("/series/q_rad: is missing, expected 2 postures, one per time (2 to 100000)"));
   EXPECT_THAT(series({{"t_s", {0, 1}}, {"q_rad", 3}}), HasSubstr("/series/q_rad: is no array of 2 postures"));

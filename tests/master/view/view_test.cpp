@@ -360,7 +360,7 @@ TEST(Stage, ShowsARobotOfAnotherWorldThatStartsAtTheSamePlaceAsAGhostWithItsOwnB
   EXPECT_EQ(figure.at("base_quat"), "free_world.base_quat");
   EXPECT_FALSE(figure.at("tracks")[0].contains("base"));
   EXPECT_EQ(figure.at("tracks")[1].at("base_quat"), "");
-  EXPECT_EQ(figure.at("tracks")[1].at("base").at("p"), (std::vector<double>{0, 0, 0}));
+  EXPECT_EQ(figure.at("tracks")[1].at("base").at("p"), (std::vector<double>{0, 0, 0.7}));
 
   Scenario apart = scenario;
   assign(apart, "fixed_world.base_p0=0 3 0", unit_types());

@@ -94,7 +94,8 @@ export interface Robot {
   visuals: Visual[][];
   solids: Visual[][];
   /// Of the bodies, in their axes; only where the page calculates with them. kg, m, kg m²; inertia: about the centre of mass, xx xy xz yy yz zz.
-  inertias?: { mass: number; com: Vector; inertia: number[] }[];
+  inertias?: Inertia[];
+  base_inertia?: Inertia;
 }
 
 /// Where a base is: at the start, and the signals of its motion, empty if they are not recorded.
@@ -108,6 +109,12 @@ export interface Base {
 export interface Track extends Partial<Base> {
   role: 'main' | 'desired' | 'compliant' | 'other';
   signal: string;
+}
+
+export interface Inertia {
+  mass: number;
+  com: Vector;
+  inertia: number[];
 }
 
 /// Names of the signals of a cue, or what must be recorded for it.
@@ -138,6 +145,8 @@ export interface Figure extends Base {
   velocity: string;
   /// Stiffness of the tip in the base, in the same order.
   stiffness: Source;
+  /// Of a live page: whether the base moves freely.
+  floats?: boolean;
   /// Of a live page: where the stiffness comes from: joints (N m/rad, n) or the diagonal of a frame's (N/m, 3 or 9 with all elements).
   controller?: { signal: string; joints: boolean; in_tool: boolean };
 }

@@ -40,7 +40,7 @@ export class LiveMatrices implements Matrices {
     views: FigureView[],
   ) {
     for (const view of views) {
-      const calculator = new TipCalculator(view.robot);
+      const calculator = new TipCalculator(view.robot, view.figure.floats === true);
       const { mobility, velocity, stiffness } = view.figure;
       if (mobility !== '') this.known.set(mobility, { calculator, view, what: 'mobility' });
       if (velocity !== '') this.known.set(velocity, { calculator, view, what: 'velocity' });

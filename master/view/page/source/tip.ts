@@ -4,8 +4,10 @@ import { Mechanism, frame_pose } from './kinematics';
 
 /// The tip of a robot at some joint positions, in the axes of its base: as master/view/calculated.cpp has it for recordings.
 export interface TipState {
-  /// J_v: three rows of n.
+  /// J_v: three rows of n, with the base at rest.
   jacobian: number[][];
+  /// The same, on a free base with its recoil (the generalised Jacobian); undefined without masses.
+  moved: number[][] | undefined;
   /// Λ_v⁻¹ = J_v M⁻¹ J_vᵀ, 1/kg; undefined without masses.
   mobility: number[] | undefined;
   rotation: Matrix4;
@@ -53,12 +55,15 @@ function solve(M: number[][], columns: number[][]): number[][] | undefined {
   });
 }
 
-/// Calculates with the kinematics and the masses of a robot.
+/// Calculates with the kinematics and the masses of a robot; on a free base with six more columns: its linear and angular velocity.
 export class TipCalculator {
   private readonly mechanism: Mechanism;
   private readonly poses: Matrix4[];
 
-  constructor(private readonly robot: Robot) {
+  constructor(
+    private readonly robot: Robot,
+    private readonly floats = false,
+  ) {
     this.mechanism = new Mechanism(robot);
     this.poses = this.mechanism.bodies();
   }
@@ -68,14 +73,33 @@ export class TipCalculator {
     const { robot, poses } = this;
     const pose = frame_pose(robot, robot.tip, poses);
     const { linear } = this.jacobian(robot.frames[robot.tip]!.body, new Vector3().setFromMatrixPosition(pose));
-    return { jacobian: linear, mobility: this.mobility(linear), rotation: pose.setPosition(0, 0, 0) };
+    const M = this.inertia();
+    const solved = M && solve(M, linear);
+    const term = (i: number, j: number): number => linear[i]!.reduce((sum, x, k) => sum + x * solved![j]![k]!, 0);
+    const mobility = solved && [term(0, 0), term(0, 1), term(0, 2), term(1, 1), term(1, 2), term(2, 2)];
+    const jacobian = linear.map((row) => row.slice(0, robot.n));
+    return { jacobian, moved: this.floats ? M && this.with_recoil(M, linear) : jacobian, mobility, rotation: pose.setPosition(0, 0, 0) };
+  }
+
+  /// J − J_b I_c⁻¹ F.
+  private with_recoil(M: number[][], linear: number[][]): number[][] | undefined {
+    const n = this.robot.n;
+    const I_c = M.slice(n).map((row) => row.slice(n));
+    const F = Array.from({ length: n }, (_, k) => M.slice(n).map((row) => row[k]!));
+    const recoil = solve(I_c, F);
+    return recoil && linear.map((row) => recoil.map((base, k) => row[k]! - base.reduce((sum, x, b) => sum + x * row[n + b]!, 0)));
   }
 
   /// Rows of the Jacobians of a point of a body: linear and angular, in the base.
   private jacobian(body: number, point: Vector3): { linear: number[][]; angular: number[][] } {
     const { robot, poses } = this;
-    const zeros = (): number[][] => [0, 1, 2].map(() => new Array<number>(robot.n).fill(0));
+    const zeros = (): number[][] => [0, 1, 2].map(() => new Array<number>(robot.n + (this.floats ? 6 : 0)).fill(0));
     const [linear, angular] = [zeros(), zeros()];
+    for (let i = 0; this.floats && i < 3; ++i) {
+      const axis = new Vector3().setComponent(i, 1);
+      linear[i]![robot.n + i] = angular[i]![robot.n + 3 + i] = 1;
+      axis.cross(point).toArray().forEach((v, row) => (linear[row]![robot.n + 3 + i] = v));
+    }
     for (let b = body; b >= 0; b = robot.joints[b]!.parent) {
       const joint = robot.joints[b]!;
       const axis = new Vector3(...joint.axis).transformDirection(poses[b]!).multiplyScalar(joint.multiplier);
@@ -86,13 +110,16 @@ export class TipCalculator {
     return { linear, angular };
   }
 
-  private mobility(J: number[][]): number[] | undefined {
+  /// M, on a free base [M Fᵀ; F I_c]; undefined without masses.
+  private inertia(): number[][] | undefined {
     const { robot, poses } = this;
     if (robot.inertias === undefined || robot.inertias.some((body) => !(body.mass > 0))) return undefined;
-    const n = robot.n;
+    const n = robot.n + (this.floats ? 6 : 0);
     const M = Array.from({ length: n }, () => new Array<number>(n).fill(0));
-    robot.inertias.forEach(({ mass, com, inertia }, body) => {
-      const pose = poses[body]!;
+    const base = this.floats && robot.base_inertia ? [robot.base_inertia] : [];
+    [...robot.inertias, ...base].forEach(({ mass, com, inertia }, index) => {
+      const body = index < robot.inertias!.length ? index : -1;
+      const pose = body < 0 ? new Matrix4() : poses[body]!;
       const { linear, angular } = this.jacobian(body, new Vector3(...com).applyMatrix4(pose));
       // Angular velocities in the axes of the body, where the inertia is given.
       const e = pose.elements;
@@ -112,16 +139,13 @@ export class TipCalculator {
         }
       }
     });
-    const solved = solve(M, J);
-    if (solved === undefined) return undefined;
-    const term = (i: number, j: number): number => J[i]!.reduce((sum, x, k) => sum + x * solved[j]![k]!, 0);
-    return [term(0, 0), term(0, 1), term(0, 2), term(1, 1), term(1, 2), term(2, 2)];
+    return M;
   }
 }
 
 /// J_v J_vᵀ: half-axes squared of the velocities for joint speeds of norm 1.
-export function velocity_of(state: TipState): number[] {
-  return product(state.jacobian);
+export function velocity_of(state: TipState): number[] | undefined {
+  return state.moved && product(state.moved);
 }
 
 /// The stiffness of the tip from that of the joints, N/m: (J_v S⁻¹ J_vᵀ)⁻¹.

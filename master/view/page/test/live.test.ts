@@ -197,7 +197,7 @@ test('Jacobian, mobility and stiffness of a planar arm are those of the formulas
   const term = (i: number, k: number): number => J[i]![0]! * (inverse[0] * J[k]![0]! + inverse[1] * J[k]![1]!) + J[i]![1]! * (inverse[1] * J[k]![0]! + inverse[2] * J[k]![1]!);
   const wanted = [term(0, 0), term(0, 1), 0, term(1, 1), 0, 0];
   wanted.forEach((x, i) => assert.ok(Math.abs(state.mobility![i]! - x) < 1e-12, `${i}: ${state.mobility![i]}, expected ${x}`));
-  assert.ok(Math.abs(velocity_of(state)[1]! - (J[0]![0]! * J[1]![0]! + J[0]![1]! * J[1]![1]!)) < 1e-12);
+  assert.ok(Math.abs(velocity_of(state)![1]! - (J[0]![0]! * J[1]![0]! + J[0]![1]! * J[1]![1]!)) < 1e-12);
   // Along the plane S = J⁻ᵀ S_a J⁻¹; across it the joints cannot move.
   const S = joint_stiffness(state, [100, 50]);
   const det = J[0]![0]! * J[1]![1]! - J[0]![1]! * J[1]![0]!;
@@ -207,6 +207,20 @@ test('Jacobian, mobility and stiffness of a planar arm are those of the formulas
   assert.deepEqual(frame_stiffness(state, [1, 2, 3], false), [1, 0, 0, 2, 0, 3]);
   const turned = frame_stiffness(state, [1, 2, 3], true);
   assert.ok(Math.abs(turned[0]! - (c12 * c12 + 2 * s12 * s12)) < 1e-12 && Math.abs(turned[5]! - 3) < 1e-12);
+});
+
+test('a free base recoils', () => {
+  // A slide along x on a base of 3 kg, a link of 1 kg; the tip is at the centre of mass of both, so that nothing turns.
+  const slide = { ...kPlanar, n: 1, order: [0], names: ['x'], joints: [{ ...kPlanar.joints[0]!, type: 'prismatic', axis: [1, 0, 0] }], frames: [{ ...kPlanar.frames[0]!, body: 0, p: [0, 0, 0] }], tip: 0 };
+  const robot = { ...slide, inertias: [{ mass: 1, com: [0, 0, 0], inertia: [1, 0, 0, 1, 0, 1] }], base_inertia: { mass: 3, com: [0, 0, 0], inertia: [2, 0, 0, 2, 0, 2] } } as unknown as Robot;
+  const [free, fixed] = [new TipCalculator(robot, true).at([0]), new TipCalculator(robot).at([0])];
+  const close = (found: number[], wanted: number[]): void => wanted.forEach((x, i) => assert.ok(Math.abs(found[i]! - x) < 1e-12, found.join(' ')));
+  close(free.mobility!, [1, 0, 0, 1 / 4, 0, 1 / 4]);
+  close(fixed.mobility!, [1, 0, 0, 0, 0, 0]);
+  close(velocity_of(free)!, [9 / 16, 0, 0, 0, 0, 0]); // the base goes back by 1/4
+  // A tip 0.5 m up turns the whole: 1/m + 0.5²/I across; along the slide the link gives way alone.
+  const up = { ...robot, frames: [{ ...slide.frames[0]!, p: [0, 0, 0.5] }] } as unknown as Robot;
+  close(new TipCalculator(up, true).at([0]).mobility!, [1 + 0.25 / 3, 0, 0, 1 / 4 + 0.25 / 3, 0, 1 / 4]);
 });
 
 test('a robot without masses has no mobility', () => {
