@@ -280,7 +280,8 @@ void write_residuals(Page& page, const LoadedRecording& recording, const Gnuplot
   if (recording.residuals.empty()) return;
   page.heading(3, "Residuals");
   for (const Residual& residual : recording.residuals) {
-    const std::string caption = escaped(residual.name) + ": " + code(residual.a + " − " + residual.b);
+    const std::string caption =
+        escaped(residual.name) + ": " + code(residual.a + (residual.attitude ? " against " : " − ") + residual.b);
     if (residual.curves.empty()) {
       page.paragraph(caption + " was not recorded: record both signals to see it over time.");
       continue;
