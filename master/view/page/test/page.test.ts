@@ -6,6 +6,7 @@ import { Instances } from '../source/instances';
 import { round_down, usual_largest } from '../source/cues';
 import { Extremes, decimate } from '../source/decimate';
 import { short } from '../source/dom';
+import { Shown } from '../source/figures';
 import type { Robot, Visual } from '../source/format';
 import { Mechanism, frame_pose, reach_of } from '../source/kinematics';
 import { without_images } from '../source/meshes';
@@ -115,6 +116,22 @@ test('a turn, a slide and a mimic joint place the tool', () => {
   wanted.forEach((x, i) => assert.ok(Math.abs(tool[12 + i]! - x) < 1e-12));
   assert.equal(reach_of(kArm), 1 + 0 + 2 + 3 + 1);
   assert.ok(poses.every((pose) => pose instanceof Matrix4));
+});
+
+test('a ghost of another world has its own base, where it is recorded along its way', () => {
+  const moving = { base: { p: [0, 0, 0.7], quat: [1, 0, 0, 0] }, base_p: 'fixed.base_p', base_quat: '' } as const;
+  const values = (name: string): Float32Array[] | undefined => (name === 'fixed.base_p' ? [[1, 2], [3, 4], [5, 6]].map((column) => new Float32Array(column)) : undefined);
+  const recording = { values, signal: () => undefined } as unknown as Recording;
+  const place = { row: 0, next: 1, share: 0.5 };
+  const of_figure = new Matrix4().makeTranslation(9, 9, 9);
+  const origin = (track: object): number[] => {
+    const shown = new Shown(new Mechanism(kArm), { role: 'other', signal: 'q', ...track }, [], [], recording);
+    shown.place(place, of_figure);
+    return shown.group.matrix.toArray().slice(12, 15);
+  };
+  assert.deepEqual(origin({}), [9, 9, 9]);
+  assert.deepEqual(origin(moving), [1.5, 3.5, 5.5]);
+  assert.deepEqual(origin({ ...moving, base_p: '' }), [0, 0, 0.7]);
 });
 
 test('bodies of one shape are one mesh, each at its place with its size and colour', () => {
