@@ -39,6 +39,7 @@ void Motion::declare_settings(SettingList& s) {
   s.choice("kind", {"waypoints", "polynomial", "csv"}, "source of the motion; csv: a recording");
   declare_source_settings(s);
   s.choice("space", {"joint", "cartesian"}, "whether the source gives the motion of the joints or of a frame in W");
+  s.boolean("override", false, "an input slows the motion along its path, down to rest, and lets it go on");
   s.boolean("pose", false, "space=joint: also the pose of the frame as output, by forward kinematics; needs a robot");
   s.text("frame", "", "the frame of the robot whose pose is an output; empty: its end-effector");
   s.choice(
@@ -71,6 +72,7 @@ Motion::Motion(Settings& settings, bool cartesian) {
     source_.emplace(make_source(settings, axes_));
     if (settings.boolean("pose")) read_robot(settings, "pose=true");
   }
+  if (settings.boolean("override")) override_.emplace();
   measures_ = JointMeasures(settings.robot_used().get());
   for (std::vector<double>* x : {&dq_limit_, &ddq_limit_, &dddq_limit_, &q_d_, &dq_d_, &ddq_d_}) x->resize(axes_.size());
 }
@@ -91,6 +93,7 @@ void Motion::declare(Variables& v) {
     joints.output("ddq_d", ddq_d_, "rad/s2", "desired joint acceleration, the derivative of dq_d").derivative_of("dq_d");
   }
   timing_.declare(v, warning_);
+  if (override_) override_->declare(v);
   if (!axes_.empty()) {
     joints.parameter("dq_limit", dq_limit_, "rad/s", "velocity limit; 0: the robot's").range(0, 1e9);
     joints.parameter("ddq_limit", ddq_limit_, "rad/s2", "acceleration limit; 0: none").range(0, 1e12);
@@ -127,10 +130,16 @@ void Motion::initialise(Time start) {
     const Eigen::Map<const Eigen::VectorXd> q(q_d_.data(), static_cast<Eigen::Index>(q_d_.size()));
     if ((robot_->Q_WB() * robot_->kinematics().at(q, q, q).Q).w() < 0) sign_ = -1;
   }
+  ddq_most_.clear();
+  for (const trajectory::Axis& axis : limited_axes()) ddq_most_.push_back(axis.ddq_max);
+  if (override_) override_->begin();
   evaluate_at(start.seconds());
 }
 
 StepResult Motion::step(Time now, Duration h) {
+  if (override_) {
+    override_->advance(h.seconds(), [&](double delay, double rate) { return allowed((now + h).seconds() - delay, rate); });
+  }
   evaluate_at((now + h).seconds());
   return StepResult::kDone;
 }
@@ -234,8 +243,26 @@ void Motion::evaluate(const trajectory::Phase::Value& s, std::span<double> q, st
   trajectory::apply_chain_rule(s, dq, ddq);
 }
 
+/// |q̈ r² + q̇ ṙ| ≤ the limit of each joint, with the planned q̇ and q̈ at path time t. Where q̈ r² alone is beyond it, ṙ = 0 is still allowed.
+Override::Range Motion::allowed(double t, double rate) {
+  constexpr double kFastest = 1e12;  // 1/s
+  Override::Range range{-kFastest, kFastest};
+  if (std::ranges::none_of(ddq_most_, [](double most) { return most < kFastest; })) return range;
+  evaluate(timing_.at(t).s, q_d_, dq_d_, ddq_d_);
+  for (std::size_t j = 0; j < ddq_most_.size(); ++j) {
+    const double planned = ddq_d_[j] * rate * rate, most = std::max(ddq_most_[j], std::abs(planned)),
+                 speed = std::abs(dq_d_[j]);
+    if (!(speed > 0)) continue;
+    const double with_speed = std::copysign(planned, planned * dq_d_[j]);
+    range.low = std::max(range.low, std::min(0.0, (-most - with_speed) / speed));
+    range.high = std::min(range.high, std::max(0.0, (most - with_speed) / speed));
+  }
+  return range;
+}
+
 void Motion::evaluate_at(double t) {
-  const Timing::Instant instant = timing_.at(t);
+  Timing::Instant instant = timing_.at(override_ ? t - override_->delay() : t);
+  if (override_) instant.s = override_->slowed(instant.s);
   if (!axes_.empty()) evaluate(instant.s, q_d_, dq_d_, ddq_d_);
   if (poses_) {
     const double sign = instant.odd_repetition && closed_sign_ < 0 ? -1 : 1;

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "components/motion/override.h"
 #include "components/motion/poses.h"
 #include "components/motion/sources.h"
 #include "components/motion/timing.h"
@@ -20,7 +21,7 @@ namespace cotwin::motion {
 /// (space = cartesian): the same with a path of poses (pose_path.h), with inverse = true also of the joints that follow it
 /// (joint_path.h). The motion rests before t_start; after the end it rests,
 /// repeats or runs back and forth. Limits are checked, or met by stretching. With pose = true the pose that belongs to the joint
-/// motion is an output, too.
+/// motion is an output, too. With override = true an input slows it (override.h); then it depends on what was before.
 class Motion final : public Unit {
  public:
   /// Declares the settings of the unit.
@@ -43,6 +44,7 @@ class Motion final : public Unit {
   void check_pose_ends() const;
   void evaluate(const trajectory::Phase::Value& s, std::span<double> q, std::span<double> dq, std::span<double> ddq);
   void evaluate_at(double t);
+  Override::Range allowed(double t, double rate);
 
   std::vector<trajectory::Axis> axes_;  // empty if there are no joints among the outputs
   JointMeasures measures_{nullptr};
@@ -53,6 +55,8 @@ class Motion final : public Unit {
   std::string frame_ = "the frame";
   bool from_start_ = false, relative_ = false;
 
+  std::optional<Override> override_;
+
   // Parameters.
   Timing timing_;
   std::vector<double> dq_limit_, ddq_limit_, dddq_limit_;  // 0: the robot's limit, or none
@@ -60,6 +64,7 @@ class Motion final : public Unit {
 
   // Computed from the parameters.
   trajectory::Path path_;
+  std::vector<double> ddq_most_;  // of each joint; infinite: no limit
   trajectory::PosePath pose_path_;
   trajectory::PosePeaks pose_peaks_;
   double sign_ = 1;         // of quat_d from forward kinematics
