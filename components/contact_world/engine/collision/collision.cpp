@@ -33,8 +33,8 @@ struct Collision::Impl {
   void sweep(double margin);
   void add_candidate(std::uint32_t i, std::uint32_t j);
   bool ignores(std::uint32_t a, std::uint32_t b) const {
-    const std::pair pair(a, b);
-    return std::binary_search(ignored.begin(), ignored.end(), pair) || std::ranges::find(joined, pair) != joined.end();
+    const std::pair both(a, b);
+    return std::binary_search(ignored.begin(), ignored.end(), both) || std::ranges::find(joined, both) != joined.end();
   }
   void add_points(const Candidate& candidate, double margin);
 
