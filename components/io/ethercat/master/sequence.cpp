@@ -43,6 +43,9 @@ void Sequence::start(std::span<const Step> steps, const SlaveTimes& times, std::
   }
 }
 
+std::int64_t Sequence::sync0_cycle() const { return std::max<std::int64_t>(times_.sync0_cycle, 1); }
+std::int64_t Sequence::sync_lead() const { return std::max(kSyncLead, kSyncCycles * sync0_cycle()); }
+
 void Sequence::prepare(const BusTime& time) {
   if (repeating_) {
     data_.assign(1, static_cast<std::uint8_t>(sync_manager::kEnabled | (repeat_ ? sync_manager::kRepeat : 0)));
@@ -51,12 +54,15 @@ void Sequence::prepare(const BusTime& time) {
   data_.assign(step().data.begin(), step().data.end());
   if (step().kind == Step::Kind::kWriteOffset) {
     // The reference continues the time of the bus; all others take it over with the delay of the frame that latched both.
-    const std::int64_t system = times_.is_reference ? time.at(latched_at_) : system_ + times_.delay;
-    store(data_.data(), system - local_);
+    const std::int64_t system = times_.is_reference ? time.at(latched_at_) : sum(system_, times_.delay);
+    store(data_.data(), difference(system, local_));
   } else if (step().kind == Step::Kind::kWriteStart) {
-    const std::int64_t cycle = std::max<std::int64_t>(times_.sync0_cycle, 1);
+    const std::int64_t cycle = sync0_cycle();
     const std::int64_t shift = (times_.sync0_shift % cycle + cycle) % cycle;
-    sync_start_ = ((system_ + std::max(kSyncLead, kSyncCycles * cycle)) / cycle + 1) * cycle + shift;
+    const auto earliest = static_cast<std::uint64_t>(sum(system_, sync_lead()));
+    sync_start_ =
+        sum(static_cast<std::int64_t>((earliest / static_cast<std::uint64_t>(cycle) + 1) * static_cast<std::uint64_t>(cycle)),
+            shift);
     store(data_.data(), sync_start_);
   }
 }
@@ -66,7 +72,11 @@ bool Sequence::fits(std::span<const std::uint8_t> answer, const BusTime& time) c
   if (answer.size() < s.mask.size()) return false;
   // A reference that was switched off, too, does not have the time of the bus yet.
   if (s.kind == Step::Kind::kReadSystem) return time.is_plausible(system_time_in(answer), latched_at_);
-  if (s.kind == Step::Kind::kCheckStart) return load<std::int64_t>(answer.data()) < sync_start_;
+  if (s.kind == Step::Kind::kCheckStart) {
+    // Further away than it was set, it comes from a damaged time.
+    const std::int64_t left = difference(sync_start_, load<std::int64_t>(answer.data()));
+    return left > 0 && left <= sync_lead() + 2 * sync0_cycle();
+  }
   for (std::size_t i = 0; i < s.mask.size(); ++i) {
     if ((answer[i] & s.mask[i]) != s.expected[i]) return false;
   }

@@ -13,16 +13,25 @@
 /// set up, or with one datagram per cycle when a slave comes back during operation.
 namespace cotwin::ethercat {
 
+/// Sum and difference of times that slaves send, modulo 2⁶⁴ as their clocks count: a damaged one may be anything.
+inline std::int64_t sum(std::int64_t a, std::int64_t b) {
+  return static_cast<std::int64_t>(static_cast<std::uint64_t>(a) + static_cast<std::uint64_t>(b));
+}
+inline std::int64_t difference(std::int64_t a, std::int64_t b) {
+  return static_cast<std::int64_t>(static_cast<std::uint64_t>(a) - static_cast<std::uint64_t>(b));
+}
+
 /// Times of the bus that a slave's clock is set from.
 struct BusTime {
   std::uint16_t reference = 0;  // station address of the first slave with a clock; 0: none
   std::int64_t system = 0;      // ns since 2000-01-01, at `host`
   std::int64_t host = 0;        // ns, Wire::now()
-  std::int64_t at(std::int64_t now) const { return system + (now - host); }
+  std::int64_t at(std::int64_t now) const { return sum(system, now - host); }
   /// Whether the reference clock can show `time` at `now`: 10 ms off, and 500 ppm of the time since the last answer, by which its
   /// crystal and the host's may have come apart.
   bool is_plausible(std::int64_t time, std::int64_t now) const {
-    return std::abs(time - at(now)) <= 10'000'000 + std::abs(now - host) / 2000;
+    const std::int64_t off = difference(time, at(now)), most = 10'000'000 + std::abs(now - host) / 2000;
+    return -most <= off && off <= most;
   }
 };
 
@@ -98,6 +107,8 @@ class Sequence {
   Status fail() { return status_ = Status::kFailed; }
   bool note_absence(std::int64_t now);
   void read_value(std::span<const std::uint8_t> answer, std::int64_t now);
+  std::int64_t sync0_cycle() const;
+  std::int64_t sync_lead() const;
   void prepare(const BusTime& time);
   bool fits(std::span<const std::uint8_t> answer, const BusTime& time) const;
   void go_back(const BusTime& time);

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <random>
 #include <vector>
 
@@ -244,6 +245,43 @@ TEST(DamagedFrames, MoveNoDriveAndStopAllIfTheyGoOn) {
   std::vector<std::string> sentences;
   d.drives.append_notes(sentences);
   EXPECT_THAT(sentences, Contains(HasSubstr("gave a position that no motion explains")));
+}
+
+// A time of 64 bits may be anything, and its differences overflow.
+TEST(DamagedFrames, GiveNoTimeOfTheBusAndNoBeginOfSync0) {
+  constexpr std::int64_t kLeast = std::numeric_limits<std::int64_t>::min(), kMost = std::numeric_limits<std::int64_t>::max();
+  constexpr std::int64_t kNow = 800'000'000'000'000'000, kMs = 1'000'000;
+  const BusTime bus{1, kNow, 0};
+  for (const std::int64_t time : {kLeast, kLeast + 1, kLeast + kNow, -kNow, kMost - 1, kMost})
+    EXPECT_FALSE(bus.is_plausible(time, 0)) << time;
+  EXPECT_TRUE(bus.is_plausible(kNow + 9 * kMs, 0));
+  EXPECT_FALSE(BusTime({1, kMost, 0}).is_plausible(kLeast, 20 * kMs)) << "2^64 goes on at 0, but 20 ms later";
+  EXPECT_TRUE(BusTime({1, kMost, 0}).is_plausible(kLeast, kMs));
+
+  Step read, begin, check;
+  read.kind = Step::Kind::kReadNow;
+  begin.kind = Step::Kind::kWriteStart;
+  check.kind = Step::Kind::kCheckStart;
+  check.back = 2;
+  for (Step* step : {&read, &begin, &check}) step->data.assign(8, 0);
+  const std::vector<Step> steps{read, begin, check};
+  const auto answer = [](std::int64_t time) {
+    std::vector<std::uint8_t> data(8);
+    store(data.data(), time);
+    return data;
+  };
+  for (const std::int64_t damaged : {kLeast, -kNow, kNow - 1'000'000 * kMs, kNow + 1'000'000 * kMs, kMost - kMs, kMost}) {
+    Sequence sequence;
+    BusTime time = bus;
+    sequence.start(steps, {.sync0_cycle = kMs}, 0);
+    sequence.receive(true, 1, answer(damaged), time, 0);
+    sequence.receive(true, 1, answer(0), time, 0);
+    EXPECT_EQ(sequence.receive(true, 1, answer(kNow), time, 0), Sequence::Status::kBusy) << damaged << ": it is read again";
+    sequence.receive(true, 1, answer(kNow), time, 0);
+    EXPECT_EQ(load<std::int64_t>(sequence.data().data()), kNow + 101 * kMs);
+    sequence.receive(true, 1, answer(0), time, 0);
+    EXPECT_EQ(sequence.receive(true, 1, answer(kNow + 5 * kMs), time, 0), Sequence::Status::kDone);
+  }
 }
 
 }  // namespace

@@ -457,12 +457,12 @@ TEST(EtherCatLink, AWaitForASilentBusGoesOnAfterSignals) {
 TEST(EtherCatLink, AFloodOfFramesNeitherHoldsTheEndOfABusNorItsTerminals) {
   if (!make_interfaces()) GTEST_SKIP() << "needs the permission for network namespaces and virtual interfaces (root)";
   std::atomic<bool> over{false};
+  std::atomic<int> answering{0};
   std::thread flood;
   {
     Ports bus("link=ethercat_bus&interface=cotwin1&slaves=EK1100,buttons:EL1809,valves:EL2809,axis:EL5101");
     bus.start();
     net::RawSocket socket("cotwin0", ethercat::kEtherType, "test");
-    std::atomic<int> answering{0};
     flood = std::thread([&over, &answering, socket = std::move(socket)]() mutable {
       std::array<std::uint8_t, ethercat::kLongestFrame> buffer{};
       while (!over) {
