@@ -21,6 +21,7 @@ Monitor::Monitor(Settings& settings)
     : place_(settings.unit()),
       cell_(settings.cell()),
       floating_(settings.choice("base") == "floating"),
+      separates_(settings.boolean("separation")),
       all_(std::make_unique<Ports>()) {
   if (cell_.robots.empty()) throw Error(place_, "has no robot to watch, expected the setting robot or robots");
   const auto add_part = [&](const std::string& name, std::span<const scene::Shape> shapes) -> Part& {
@@ -41,6 +42,7 @@ Monitor::Monitor(Settings& settings)
     add_part(body.name, body.shapes).moves = body.motion != scene::Motion::kStatic;
     bodies_.push_back(std::move(made));
   }
+  add_obstacles(settings.text("obstacles"));
   for (const scene::PlacedRobot& placed : cell_.robots) {
     auto robot = std::make_unique<Robot>(placed);
     robot->first = parts_.size();
@@ -68,6 +70,7 @@ Monitor::Monitor(Settings& settings)
   least_.resize(groups());
   add_pairs(settings.text("ignore"));
   bounds_.resize(pairs_.size());
+  if (separates_) add_separation(settings);
   constexpr std::size_t kIntervals = 256;
   intervals_.reserve(kIntervals);
 }
@@ -82,6 +85,22 @@ std::size_t Monitor::part(const std::string& name, const std::string& ignored) c
   const std::string near = text::closest(name, names);
   throw Error(place_, "ignore=" + ignored + ": no body '" + name + "'" +
                           (near.empty() ? "" : ", did you mean '" + near + "'?") + ", expected name:name,name:name");
+}
+
+void Monitor::add_obstacles(const std::string& names) {
+  for (const std::string_view item : text::split(names, ',')) {
+    const std::string name(text::trim(item));
+    if (name.empty()) continue;
+    const auto found = std::ranges::find_if(bodies_, [&](const auto& body) { return parts_[body->part]->name == name; });
+    const std::string where = "obstacles=" + names + ": '" + name + "'";
+    if (found == bodies_.end()) throw Error(place_, where + " is no body of scene '" + cell_.scene.name + "'");
+    Body& body = **found;
+    Part& part = *parts_[body.part];
+    if (part.moves && !part.comes)
+      throw Error(place_, where + " moves by itself, expected a static body, which its variables move then");
+    part.moves = part.comes = true;
+    body.unscaled = part.solid;
+  }
 }
 
 void Monitor::add_pairs(const std::string& ignored) {
@@ -137,12 +156,24 @@ void Monitor::check_inputs(Time now) const {
   }
 }
 
+void Monitor::place_obstacle(Body& body) {
+  Part& part = *parts_[body.part];
+  part.present = body.present != 0;
+  if (body.scale == body.scale_in_force) return;
+  if (!(body.scale >= kLeastScale && body.scale <= kMostScale))
+    throw Error(place_ + "." + body.prefix + "scale", "is " + text::to_text(body.scale) + ", expected " +
+                                                          text::to_text(kLeastScale) + " to " + text::to_text(kMostScale));
+  part.solid.set_scaled(*body.unscaled, body.scale);
+  body.scale_in_force = body.scale;
+}
+
 /// Brings all parts to the inputs.
 void Monitor::place(Time now) {
   check_inputs(now);
   for (const auto& body : bodies_) {
     Part& part = *parts_[body->part];
     if (!part.moves) continue;
+    if (part.comes) place_obstacle(*body);
     part.X_W = pose_of_input(place_, body->prefix, "quat", body->pose.p, body->pose.quat);
     part.V_W << vector3(body->pose.v), vector3(body->pose.w);
   }
@@ -177,6 +208,8 @@ void Monitor::measure(std::size_t k) {
   const Part &a = *parts_[pair.a], &b = *parts_[pair.b];
   Nearest &of_a = nearest_[pair.group_a], &of_b = nearest_[pair.group_b];
   constexpr double kSlack = 1e-12;  // of rounding, so that the nearest pair does not depend on the order
+  bounds_[k] = scene::kInfinity;
+  if (!a.present) return;
   const double grown = inflation(pair), most = std::max(of_a.way.d, of_b.way.d) + a.motion + b.motion + kSlack;
   const double balls = (b.middle - a.middle).norm() - a.solid.radius() - b.solid.radius() - grown;
   bounds_[k] = balls;
@@ -284,6 +317,10 @@ void Monitor::initialise(Time start) {
   for (std::size_t g = 0; g < groups(); ++g) least_[g] = nearest_[g].way.d;
   remember();
   write_outputs();
+  if (!separates_) return;
+  events_.reset();
+  for (const auto& robot : robots_) robot->separation->reset();
+  keep_separation(start.seconds(), 0);
 }
 
 void Monitor::restored() { place_static(); }
@@ -295,6 +332,7 @@ StepResult Monitor::step(Time now, Duration h) {
   sweep();
   remember();
   write_outputs();
+  if (separates_) keep_separation((now + h).seconds(), h.seconds());
   return StepResult::kDone;
 }
 

@@ -7,6 +7,8 @@
 #include <utility>
 #include <vector>
 
+#include "components/monitor/separation.h"
+#include "components/unit/event_ports.h"
 #include "components/unit/settings.h"
 #include "components/unit/unit.h"
 #include "models/distance/distance.h"
@@ -15,7 +17,8 @@
 namespace cotwin::monitor {
 
 /// Distances of robots that move, from each other, from the bodies of a scene and from themselves (VI-F: safety hulls, imminent collisions). All
-/// outputs are functions of the inputs at the step's end, and of those at its beginning; nothing acts on the robots.
+/// outputs are functions of the inputs at the step's end, and of those at its beginning; nothing acts on the robots, unless `speed` is connected to
+/// their motions (separation.h).
 ///
 /// Shapes of robots are inflated by r, so that the distance of a robot's link from a body is d − r, and of two robots' links d − 2 r; links of one
 /// robot are not inflated towards each other. No pairs are: static bodies, neighbours in a robot, those that the scene or `ignore` excludes.
@@ -26,7 +29,7 @@ namespace cotwin::monitor {
 class Monitor final : public Unit {
  public:
   static void declare_settings(SettingList& s);
-  /// Throws Error for a robot without shapes, for shapes whose distance is not measured, and for unknown names in `ignore`.
+  /// Throws Error for a robot without shapes, for shapes whose distance is not measured, and for unknown names in `ignore` and `obstacles`.
   explicit Monitor(Settings& settings);
   ~Monitor() override;
 
@@ -36,6 +39,7 @@ class Monitor final : public Unit {
   /// Throws Error if an input is not finite.
   StepResult step(Time now, Duration h) override;
   void restored() override;
+  void append_notes(std::vector<std::string>& notes) const override;
 
  private:
   using Values = std::vector<double>;
@@ -50,18 +54,26 @@ class Monitor final : public Unit {
     std::size_t pair = 0;
   };
 
+  void add_obstacles(const std::string& names);
   void add_pairs(const std::string& ignored);
+  void add_separation(Settings& settings);
   std::size_t part(const std::string& name, const std::string& ignored) const;
   void declare_ports(Variables& v, Ports& ports, const std::string& prefix, const std::string& of);
+  void declare_separation(Variables& v);
   void check_inputs(Time now) const;
   void place_static();
   void place(Time now);
+  void place_obstacle(Body& body);
   void measure();
   void measure(std::size_t pair);
   void remember();
   void write_outputs();
   void write(const Nearest& nearest, int robot, Ports& ports) const;
   Eigen::Vector3d velocity(const Part& part, const Eigen::Vector3d& p_W) const;
+
+  // separation.cpp
+  double speed_of(const Part& part) const;
+  void keep_separation(double t, double h);
 
   // sweep.cpp: least_distance
   void find_motions();
@@ -76,13 +88,15 @@ class Monitor final : public Unit {
 
   std::string place_;  // for messages
   scene::Cell cell_;
-  bool floating_;
+  bool floating_, separates_;
   std::vector<std::unique_ptr<Robot>> robots_;
   std::vector<std::unique_ptr<Body>> bodies_;
   std::vector<std::unique_ptr<Part>> parts_;  // bodies of the scene, then base and links of each robot
   std::vector<Pair> pairs_;
   double r_ = 0;  // tunable
   std::unique_ptr<Ports> all_;
+  SeparationFigures figures_;
+  EventPorts events_;
 
   std::vector<Nearest> nearest_;  // by group
   Values least_;                  // by group

@@ -1,9 +1,12 @@
 #pragma once
 #include <array>
+#include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "components/monitor/monitor.h"
+#include "components/monitor/separation.h"
 #include "models/foundation/support/text.h"
 #include "models/robot/start.h"
 
@@ -12,11 +15,15 @@ namespace cotwin::monitor {
 
 /// In place of +∞, because outputs are finite.
 inline constexpr double kNone = 1e12;
+/// Of obstacles.
+inline constexpr double kLeastScale = 0.01, kMostScale = 100;
 
 struct Monitor::Ports {
   double distance = kNone, least = kNone, rate = 0, time = kNone, self = kNone;
   std::array<double, 3> p_a{}, p_b{}, n{};
   std::array<std::int32_t, 2> pair{};
+  double separation = kNone, S_p = 0, speed = 1;
+  std::int32_t zone = 0;
 };
 
 struct Monitor::Part {
@@ -25,6 +32,7 @@ struct Monitor::Part {
   distance::Solid solid;
   int robot = -1, link = -1;  // in robots_, and in its model (−1: the base); robot −1: a body of the scene
   bool moves = false;
+  bool comes = false, present = true;  // an obstacle, and whether it is there
   Pose X_W, X_W_before;
   Twist V_W = Twist::Zero();
   Eigen::Vector3d middle = Eigen::Vector3d::Zero();  // of the ball around its shapes, in W
@@ -66,6 +74,9 @@ struct Monitor::Robot {
   std::vector<std::string> tools;
   Values tools_wanted;
   Ports ports;
+  std::unique_ptr<Separation> separation;
+  std::vector<std::size_t> kept;        // pairs with bodies from which it keeps its distance
+  Values speeds;                        // of the fastest points of base and links, m/s
   Values base_before = Values(7, 0.0);  // state
 };
 
@@ -73,7 +84,9 @@ struct Monitor::Body {
   std::string prefix;
   std::size_t part = 0;
   PosePorts pose;
-  Values before = Values(7, 0.0);  // state
+  Values before = Values(7, 0.0);           // state
+  std::optional<distance::Solid> unscaled;  // of an obstacle
+  double present = 1, scale = 1, scale_in_force = 1;
 };
 
 struct Monitor::Pair {

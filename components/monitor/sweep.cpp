@@ -33,7 +33,7 @@ double way_of(const Pose& from, const Pose& to, double reach) {
 /// longest lever that it can have.
 double Monitor::motion(const Part& part) const {
   double reach = part.solid.reach();
-  if (part.robot < 0) return part.moves ? way_of(part.X_W_before, part.X_W, reach) : 0;
+  if (part.robot < 0) return part.moves && !part.comes ? way_of(part.X_W_before, part.X_W, reach) : 0;  // obstacles jump
   const Robot& r = *robots_[static_cast<std::size_t>(part.robot)];
   const robot::RobotModel& model = r.placed->model;
   double way = 0;
@@ -50,7 +50,7 @@ double Monitor::motion(const Part& part) const {
 
 /// The pose of a part at a share of the step.
 Pose Monitor::pose_at(const Part& part, double share) {
-  if (part.robot < 0) return part.moves ? between(part.X_W_before, part.X_W, share) : part.X_W;
+  if (part.robot < 0) return part.moves && !part.comes ? between(part.X_W_before, part.X_W, share) : part.X_W;
   Robot& r = *robots_[static_cast<std::size_t>(part.robot)];
   const Pose X_WB = floating_ ? between(r.X_WB_before, r.X_WB, share) : r.X_WB;
   if (part.link < 0) return X_WB;

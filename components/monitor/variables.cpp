@@ -11,6 +11,12 @@ void Monitor::declare_settings(SettingList& s) {
   s.text("ignore", "",
          "pairs whose distance does not count, name:name,name:name, of bodies of the scene, and of links as link_5:link_7 or "
          "left/link_5:table");
+  s.boolean("separation", false,
+            "speed and separation monitoring (ISO/TS 15066): whether robots are to slow down or stop before bodies that move "
+            "and obstacles");
+  s.text("obstacles", "",
+         "static bodies of the scene that are moved, scaled and switched while the run goes on: name,name; nobody but this "
+         "unit meets them");
 }
 
 void Monitor::declare_ports(Variables& v, Ports& ports, const std::string& x, const std::string& of) {
@@ -30,9 +36,38 @@ void Monitor::declare_ports(Variables& v, Ports& ports, const std::string& x, co
            "least distance of links " + of + " that are no neighbours, not inflated; 1e12: there is no pair");
 }
 
+void Monitor::declare_separation(Variables& v) {
+  const auto add = [&](Ports& ports, const std::string& x, const std::string& of) {
+    v.output(x + "zone", ports.zone, of + ": 0 clear, 1 slow, 2 stop");
+    v.output(x + "speed", ports.speed, "1",
+             "share of the planned speed at which " + of + " may move; for a motion with override=true")
+        .discrete();
+    v.output(x + "separation", ports.separation, "m",
+             "least distance from bodies that move and obstacles, less S_p of the pair; negative: stop; 1e12: there is none")
+        .discrete();
+    v.output(x + "S_p", ports.S_p, "m", "protective separation distance of this pair (ISO/TS 15066, 5.5.4.2.3)").discrete();
+  };
+  add(*all_, "", robots_.size() == 1 ? "the robot" : "all robots");
+  figures_.declare(v);
+  for (const auto& robot : robots_) {
+    const std::string of = robot->placed->name.empty() ? "the robot" : "robot " + robot->placed->name;
+    if (!robot->prefix.empty()) add(robot->ports, robot->prefix, of);
+    robot->separation->declare(v, robot->prefix, "of " + of);
+  }
+  events_.declare(v, "10 clear, 11 slow, 12 stop", "the link, as in pair; 0: nobody is near", "m", "distance less S_p");
+}
+
 void Monitor::declare(Variables& v) {
   declare_ports(v, *all_, "", robots_.size() == 1 ? "of the robot" : "of all robots");
   v.tunable("r", r_, "m", "inflation of the robots' shapes, the radius of a ball that is added to them").range(0, 100);
+  const auto declare_obstacle = [&v](const std::string& x, Body& body, const std::string& of) {
+    v.tunable(x + "present", body.present, "1", "1 while " + of + " is there, else 0").range(0, 1);
+    v.tunable(x + "p", body.pose.p, "m", "position of " + of + " in W").range(-1e9, 1e9);
+    v.tunable(x + "quat", body.pose.quat, "1", "orientation of " + of + " in W, quaternion (w, x, y, z) of any length")
+        .range(-1e9, 1e9);
+    v.tunable(x + "scale", body.scale, "1", "size of " + of + ", about its origin, as a multiple of that in the scene")
+        .range(kLeastScale, kMostScale);
+  };
   const auto declare_pose = [&v](const std::string& x, PosePorts& pose, const std::string& of, bool moves) {
     if (!moves) {
       v.parameter(x + "p0", pose.p, "m", "position " + of + " in W");
@@ -63,9 +98,14 @@ void Monitor::declare(Variables& v) {
   }
   for (const auto& body : bodies_) {
     const Part& part = *parts_[body->part];
+    if (part.comes) {
+      declare_obstacle(body->prefix, *body, "body " + part.name);
+      continue;
+    }
     declare_pose(body->prefix, body->pose, "of body " + part.name, part.moves);
     if (part.moves) v.state(body->prefix + "before", body->before, "1", "pose at the last step");
   }
+  if (separates_) declare_separation(v);
 }
 
 }  // namespace cotwin::monitor

@@ -127,6 +127,24 @@ Solid::Solid(std::span<const scene::Shape> shapes) {
   for (std::size_t halves = bounded.size(); halves > 1; halves = (halves + 1) / 2) ++depth_;
 }
 
+void Solid::set_scaled(const Solid& unscaled, double factor) {
+  *this = unscaled;
+  for (Convex& c : pieces_) {
+    for (double* length : {&c.round, &c.half, &c.radius}) *length *= factor;
+    c.extent *= factor;
+    c.X_BC.p *= factor;
+    for (Vector3d& v : c.polytope.vertices) v *= factor;
+    for (scene::Polytope::Face& face : c.polytope.faces) face.d *= factor;
+  }
+  for (Node& node : nodes_) {
+    node.middle *= factor;
+    node.half *= factor;
+    node.radius *= factor;
+  }
+  middle_ *= factor;
+  for (double* length : {&reach_, &radius_}) *length *= factor;
+}
+
 /// Halves the pieces by the middles of their boxes along the longest side.
 std::int32_t Solid::build(std::span<std::uint32_t> pieces) {
   Vector3d low = Vector3d::Constant(scene::kInfinity), high = -low, first = low, last = high;

@@ -32,6 +32,9 @@ class Solid {
   /// Throws Error for a hull without volume and for height fields.
   explicit Solid(std::span<const scene::Shape> shapes);
 
+  /// `unscaled`, larger by the factor about the frame's origin. Allocates nothing if both have the same shapes.
+  void set_scaled(const Solid& unscaled, double factor);
+
   bool empty() const { return pieces_.empty(); }
   /// The radius of the ball about the frame's origin that encloses the shapes, m; infinity with a plane.
   double reach() const { return reach_; }

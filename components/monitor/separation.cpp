@@ -1,0 +1,179 @@
+#include "components/monitor/separation.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "components/monitor/parts.h"
+
+namespace cotwin::monitor {
+
+namespace {
+
+constexpr double kStopping = 0.5;  // s, default
+
+}  // namespace
+
+void SeparationFigures::declare(Variables& v) {
+  v.tunable("v_h", v_h, "m/s", "least speed that counts for bodies that move: of a person who may start to walk").range(0, 100);
+  v.tunable("T_r", T_r, "s", "reaction time of sensors and control, besides two steps of this unit").range(0, 60);
+  v.tunable("C", C, "m", "intrusion distance: how far a part of the body may reach in before it is seen").range(0, 100);
+  v.tunable("Z_d", Z_d, "m", "uncertainty of the position of bodies").range(0, 100);
+  v.tunable("Z_r", Z_r, "m", "uncertainty of the position of robots").range(0, 100);
+  v.tunable("slow_speed", slow, "1", "speed while a robot is slowed").range(0, 1);
+  v.tunable("slow_band", band, "m", "a robot is slowed while less than this is left to the protective separation distance")
+      .range(0, 100);
+  v.tunable("hysteresis", hysteresis, "m", "by how much more must be left until a robot goes on").range(0, 100);
+}
+
+void Separation::declare(Variables& v, const std::string& x, const std::string& of) {
+  v.tunable(x + "T_s", T_s_, "s", "stopping time " + of).range(1e-6, 60);
+  v.tunable(x + "S_s", S_s_, "m", "stopping distance " + of + "; negative: v_r T_s / 2, and what a_r adds").range(-1, 100);
+  v.tunable(x + "a_r", a_r_, "m/s2",
+            "by how much the speed of a point " + of +
+                " may grow; default: the fastest joint reaches its limit in 0.5 s with the arm stretched")
+      .range(0, 1e6);
+  v.state(x + "clear_speeds", clear_speeds_, "m/s", "of base and links, when the robot was slowed last");
+  v.state(x + "separation_state", state_, "1",
+          "zone; how often slowed, and first: s, link, body, margin, S_p; stopped likewise");
+}
+
+void Separation::reset() {
+  std::ranges::fill(clear_speeds_, 0.0);
+  state_ = {};
+}
+
+double Separation::distance(const SeparationFigures& f, double h, double v_h, double v_r) const {
+  const double T_r = f.T_r + 2 * h, v_brake = v_r + a_r_ * T_r;
+  const double S_s = S_s_ >= 0 ? S_s_ : v_brake * T_s_ / 2 + a_r_ * T_s_ * T_s_ / 6;
+  return v_h * (T_r + T_s_) + (v_r + v_brake) / 2 * T_r + S_s + f.C + f.Z_d + f.Z_r;
+}
+
+double Separation::speed_ahead(const SeparationFigures& f, std::size_t link, double v_r) const {
+  return std::max(v_r, (zone() == kStop ? f.slow : 1) * clear_speeds_[link]);
+}
+
+bool Separation::update(const SeparationFigures& f, const Nearest& nearest, double margin_ahead,
+                        const std::vector<double>& speeds, double t) {
+  const Zone before = zone();
+  Zone next = nearest.margin < 0 ? kStop : nearest.margin < f.band ? kSlow : kClear;
+  if (next < before)
+    next = margin_ahead < (before == kStop ? 0 : f.band) + f.hysteresis ? before : before == kStop ? kSlow : kClear;
+  if (next == before) return false;
+  if (before == kClear) clear_speeds_ = speeds;
+  state_[kZone] = next;
+  if (next > before) {
+    const std::size_t at = next == kStop ? kStops : kSlows;
+    if (state_[at]++ == 0) {
+      const double first[] = {t, static_cast<double>(nearest.link), static_cast<double>(nearest.body), nearest.margin,
+                              nearest.S_p};
+      std::ranges::copy(first, state_.begin() + static_cast<std::ptrdiff_t>(at) + 1);
+    }
+  }
+  return true;
+}
+
+void Separation::append_note(const std::string& robot, const std::vector<std::string>& names,
+                             std::vector<std::string>& notes) const {
+  std::string note;
+  for (const auto& [at, what] : {std::pair{kSlows, "slowed"}, {kStops, "stopped"}}) {
+    const double* first = &state_[at];
+    if (first[0] == 0) continue;
+    const auto name = [&](double part) { return names[static_cast<std::size_t>(part)]; };
+    text::append(note, std::string(what) +
+                           (first[0] == 1 ? " once, at " : " " + text::to_text(first[0]) + " times, first at ") +
+                           text::to_text(first[1], 6) + " s (" + name(first[2]) + " " + text::to_text(first[4] + first[5], 3) +
+                           " m from " + name(first[3]) + ", S_p " + text::to_text(first[5], 3) + " m)");
+  }
+  if (!note.empty()) notes.push_back(robot + " was " + note);
+}
+
+void Monitor::add_separation(Settings& settings) {
+  for (const auto& robot : robots_) {
+    Robot& r = *robot;
+    const robot::RobotModel& model = r.placed->model;
+    double fastest = 0;
+    for (std::size_t i = 0; i < model.bodies.size(); ++i) {
+      double reach = parts_[r.first + i + 1]->solid.reach();
+      for (int link = static_cast<int>(i); link >= 0; link = model.joint_of(link).parent) {
+        const robot::Joint& joint = model.joint_of(link);
+        const bool turns = joint.type == robot::JointType::kRevolute;
+        if (joint.dq_max < scene::kInfinity) fastest = std::max(fastest, joint.dq_max * (turns ? reach : 1));
+        reach += joint.X_PJ.p.norm();
+        if (!turns && joint.q_max - joint.q_min < scene::kInfinity)
+          reach += std::max(std::abs(joint.q_min), std::abs(joint.q_max));
+      }
+    }
+    if (fastest == 0)
+      settings.warn("robot '" + model.name + "' has no limits of speed, so " + r.prefix +
+                    "a_r starts at 0: set it to how fast the robot may speed up");
+    r.separation = std::make_unique<Separation>(model.bodies.size() + 1, fastest / kStopping);
+    r.speeds.resize(model.bodies.size() + 1);
+    for (std::size_t k = 0; k < pairs_.size(); ++k) {
+      const Part &body = *parts_[pairs_[k].a], &link = *parts_[pairs_[k].b];
+      if (body.robot < 0 && body.moves && robots_[static_cast<std::size_t>(link.robot)] == robot) r.kept.push_back(k);
+    }
+  }
+  if (std::ranges::all_of(robots_, [](const auto& robot) { return robot->kept.empty(); }))
+    settings.warn("separation=true, but no body of the scene moves or is in obstacles, so speed stays 1");
+}
+
+void Monitor::append_notes(std::vector<std::string>& notes) const {
+  if (!separates_) return;
+  std::vector<std::string> names;
+  for (const auto& part : parts_) names.push_back(part->name);
+  for (const auto& robot : robots_)
+    robot->separation->append_note(robot->placed->name.empty() ? robot->placed->model.name : robot->placed->name, names, notes);
+}
+
+/// The speed of its fastest point.
+double Monitor::speed_of(const Part& part) const {
+  const double w = part.V_W.tail<3>().norm();
+  return velocity(part, part.middle).norm() + (w > 0 ? w * part.solid.radius() : 0);
+}
+
+/// From all bodies that move or come.
+void Monitor::keep_separation(double t, double h) {
+  all_->zone = 0;
+  all_->speed = 1;
+  all_->separation = kNone;
+  all_->S_p = 0;
+  for (const auto& robot : robots_) {
+    Robot& r = *robot;
+    Separation& separation = *r.separation;
+    for (std::size_t i = 0; i < r.speeds.size(); ++i) r.speeds[i] = speed_of(*parts_[r.first + i]);
+    Separation::Nearest nearest{.margin = kNone};
+    double ahead = kNone;
+    for (const std::size_t k : r.kept) {
+      const Pair& pair = pairs_[k];
+      const Part &body = *parts_[pair.a], &link = *parts_[pair.b];
+      if (!body.present) continue;
+      const std::size_t i = pair.b - r.first;
+      const double v_h = body.comes ? 0 : std::max(figures_.v_h, speed_of(body)), v_r = r.speeds[i];
+      const double S_p = separation.distance(figures_, h, v_h, v_r);
+      const double S_ahead = separation.distance(figures_, h, v_h, separation.speed_ahead(figures_, i, v_r));
+      const double most = std::max(nearest.margin + S_p, ahead + S_ahead);
+      if (bounds_[k] >= most) continue;
+      const double d = finder_.find(body.solid, body.X_W, link.solid, link.X_W, most + inflation(pair)).d - inflation(pair);
+      if (d - S_p < nearest.margin) nearest = {d - S_p, S_p, pair.b, pair.a};
+      ahead = std::min(ahead, d - S_ahead);
+    }
+    if (separation.update(figures_, nearest, ahead, r.speeds, t)) {
+      constexpr EventCode kCodes[] = {EventCode::kClear, EventCode::kSlow, EventCode::kStop};
+      events_.raise(kCodes[separation.zone()], nearest.margin < kNone ? static_cast<std::int32_t>(nearest.link) + 1 : 0, t,
+                    nearest.margin);
+    }
+    r.ports.zone = separation.zone();
+    r.ports.speed = separation.speed(figures_);
+    r.ports.separation = nearest.margin;
+    r.ports.S_p = nearest.S_p;
+    all_->zone = std::max(all_->zone, r.ports.zone);
+    all_->speed = std::min(all_->speed, r.ports.speed);
+    if (nearest.margin < all_->separation) {
+      all_->separation = nearest.margin;
+      all_->S_p = nearest.S_p;
+    }
+  }
+}
+
+}  // namespace cotwin::monitor
