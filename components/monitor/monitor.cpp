@@ -159,6 +159,9 @@ void Monitor::check_inputs(Time now) const {
 void Monitor::place_obstacle(Body& body) {
   Part& part = *parts_[body.part];
   part.present = body.present != 0;
+  const Pose X_WB = pose_of_input(place_, body.prefix, "quat", body.pose.p, body.pose.quat);
+  part.jumped = X_WB != part.X_W || body.scale != body.scale_in_force;
+  part.X_W = X_WB;
   if (body.scale == body.scale_in_force) return;
   if (!(body.scale >= kLeastScale && body.scale <= kMostScale))
     throw Error(place_ + "." + body.prefix + "scale", "is " + text::to_text(body.scale) + ", expected " +
@@ -173,7 +176,10 @@ void Monitor::place(Time now) {
   for (const auto& body : bodies_) {
     Part& part = *parts_[body->part];
     if (!part.moves) continue;
-    if (part.comes) place_obstacle(*body);
+    if (part.comes) {
+      place_obstacle(*body);
+      continue;
+    }
     part.X_W = pose_of_input(place_, body->prefix, "quat", body->pose.p, body->pose.quat);
     part.V_W << vector3(body->pose.v), vector3(body->pose.w);
   }
@@ -188,13 +194,16 @@ void Monitor::place(Time now) {
       part.V_W = i == 0 ? Twist::Zero() : r.V_WL[i - 1];
       part.V_W.head<3>() += v + w.cross(part.X_W.p - r.X_WB.p);
       part.V_W.tail<3>() += w;
+      part.jumped = false;
       for (std::size_t k = 0; k < r.placed->shapes[i].size(); ++k) {
         const std::string& tool = r.placed->shapes[i][k].tool;
         if (tool.empty()) continue;
-        const auto at = std::ranges::find(r.tools, tool) - r.tools.begin();
-        part.solid.set_present(k, r.tools_wanted[static_cast<std::size_t>(at)] != 0);
+        const auto at = static_cast<std::size_t>(std::ranges::find(r.tools, tool) - r.tools.begin());
+        part.solid.set_present(k, r.tools_wanted[at] != 0);
+        part.jumped = part.jumped || r.tools_wanted[at] != r.tools_in_force[at];
       }
     }
+    r.tools_in_force = r.tools_wanted;
     r.at = -1;
   }
   for (const auto& part : parts_) part->middle = part->X_W * part->solid.middle();
@@ -307,6 +316,10 @@ void Monitor::place_static() {
     if (!floating_) robot->X_WB = pose_of(place_ + "." + robot->prefix + "base_quat0", robot->base.p, robot->base.quat);
   }
   for (Nearest& nearest : nearest_) nearest = {{}, pairs_.size()};
+  for (const auto& robot : robots_) {
+    for (Robot::Kept& kept : robot->kept) kept.bound = -scene::kInfinity;
+    robot->kept_first = 0;
+  }
 }
 
 void Monitor::initialise(Time start) {

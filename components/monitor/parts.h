@@ -33,6 +33,7 @@ struct Monitor::Part {
   int robot = -1, link = -1;  // in robots_, and in its model (−1: the base); robot −1: a body of the scene
   bool moves = false;
   bool comes = false, present = true;  // an obstacle, and whether it is there
+  bool jumped = false;                 // it is elsewhere or of another shape than in the last step, without a motion
   Pose X_W, X_W_before;
   Twist V_W = Twist::Zero();
   Eigen::Vector3d middle = Eigen::Vector3d::Zero();  // of the ball around its shapes, in W
@@ -59,6 +60,7 @@ struct Monitor::Robot {
       }
     }
     tools_wanted.assign(tools.size(), 0.0);
+    tools_in_force = tools_wanted;
   }
 
   const scene::PlacedRobot* placed;
@@ -72,10 +74,16 @@ struct Monitor::Robot {
   Values q_at, zeros;
   double at = -1;  // share of the step to which X_WL_at belongs
   std::vector<std::string> tools;
-  Values tools_wanted;
+  Values tools_wanted, tools_in_force;
   Ports ports;
   std::unique_ptr<Separation> separation;
-  std::vector<std::size_t> kept;        // pairs with bodies from which it keeps its distance
+  /// A pair with a body from which the robot keeps its distance.
+  struct Kept {
+    std::size_t pair = 0;
+    double bound = -scene::kInfinity;  // lower bound of its distance without inflation, m
+  };
+  std::vector<Kept> kept;
+  std::size_t kept_first = 0;           // the one that counted last
   Values speeds;                        // of the fastest points of base and links, m/s
   Values base_before = Values(7, 0.0);  // state
 };

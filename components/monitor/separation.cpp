@@ -111,7 +111,7 @@ void Monitor::add_separation(Settings& settings) {
     r.speeds.resize(model.bodies.size() + 1);
     for (std::size_t k = 0; k < pairs_.size(); ++k) {
       const Part &body = *parts_[pairs_[k].a], &link = *parts_[pairs_[k].b];
-      if (body.robot < 0 && body.moves && robots_[static_cast<std::size_t>(link.robot)] == robot) r.kept.push_back(k);
+      if (body.robot < 0 && body.moves && robots_[static_cast<std::size_t>(link.robot)] == robot) r.kept.push_back({k});
     }
   }
   if (std::ranges::all_of(robots_, [](const auto& robot) { return robot->kept.empty(); }))
@@ -143,21 +143,36 @@ void Monitor::keep_separation(double t, double h) {
     Separation& separation = *r.separation;
     for (std::size_t i = 0; i < r.speeds.size(); ++i) r.speeds[i] = speed_of(*parts_[r.first + i]);
     Separation::Nearest nearest{.margin = kNone};
+    std::size_t best = r.kept.size();
     double ahead = kNone;
-    for (const std::size_t k : r.kept) {
-      const Pair& pair = pairs_[k];
+    const auto look = [&](std::size_t j) {
+      const Pair& pair = pairs_[r.kept[j].pair];
       const Part &body = *parts_[pair.a], &link = *parts_[pair.b];
-      if (!body.present) continue;
-      const std::size_t i = pair.b - r.first;
-      const double v_h = body.comes ? 0 : std::max(figures_.v_h, speed_of(body)), v_r = r.speeds[i];
+      double& bound = r.kept[j].bound;
+      bound = body.jumped || link.jumped ? -scene::kInfinity : bound - body.motion - link.motion;
+      if (!body.present) return;
+      bound = std::max(bound, bounds_[r.kept[j].pair] + inflation(pair));
+      const double v_h = body.comes ? 0 : std::max(figures_.v_h, speed_of(body)), v_r = r.speeds[pair.b - r.first];
       const double S_p = separation.distance(figures_, h, v_h, v_r);
-      const double S_ahead = separation.distance(figures_, h, v_h, separation.speed_ahead(figures_, i, v_r));
-      const double most = std::max(nearest.margin + S_p, ahead + S_ahead);
-      if (bounds_[k] >= most) continue;
-      const double d = finder_.find(body.solid, body.X_W, link.solid, link.X_W, most + inflation(pair)).d - inflation(pair);
-      if (d - S_p < nearest.margin) nearest = {d - S_p, S_p, pair.b, pair.a};
+      const double S_ahead = separation.distance(figures_, h, v_h, separation.speed_ahead(figures_, pair.b - r.first, v_r));
+      constexpr double kSlack = 1e-9;  // so that neither rounding nor what was measured before decides
+      const double most = std::max(nearest.margin + S_p, ahead + S_ahead) + inflation(pair) + kSlack;
+      if (bound > most) return;
+      bound = finder_.find(body.solid, body.X_W, link.solid, link.X_W, most).d;
+      const double d = bound - inflation(pair);
+      bound = std::min(bound, most);
+      if (d - S_p < nearest.margin || (d - S_p == nearest.margin && j < best)) {
+        nearest = {d - S_p, S_p, pair.b, pair.a};
+        best = j;
+      }
       ahead = std::min(ahead, d - S_ahead);
+    };
+    // The pair that was the nearest before bounds all others.
+    if (r.kept_first < r.kept.size()) look(r.kept_first);
+    for (std::size_t j = 0; j < r.kept.size(); ++j) {
+      if (j != r.kept_first) look(j);
     }
+    r.kept_first = best;
     if (separation.update(figures_, nearest, ahead, r.speeds, t)) {
       constexpr EventCode kCodes[] = {EventCode::kClear, EventCode::kSlow, EventCode::kStop};
       events_.raise(kCodes[separation.zone()], nearest.margin < kNone ? static_cast<std::int32_t>(nearest.link) + 1 : 0, t,
