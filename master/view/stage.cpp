@@ -76,8 +76,8 @@ class Builder {
   bool recorded_positions(const std::string& signal, std::size_t model) const;
   /// Whether the positions come from another recorded signal by a connection.
   bool is_copy(const Node& node) const;
-  /// The start pose that the scenario gives by the parameters `prefix`p0 and `prefix`quat0, if any.
-  void read_pose(const std::string& component, const std::string& prefix, Pose& X_WB) const;
+  /// The start pose that the scenario gives by the parameters `prefix`p0 and `prefix`quat0, if any. `start`: "0"; "" for p and quat.
+  void read_pose(const std::string& component, const std::string& prefix, const char* start, Pose& X_WB) const;
   void place(StagedRobot& robot, const Node& node) const;
   void add_tools(StagedRobot& robot, const std::vector<std::size_t>& members);
   /// Whether positions of another number of joints were recorded; then with a remark.
@@ -111,12 +111,27 @@ void Builder::add_cell(const ComponentSpec& component, Settings& settings) {
                       !watches, watches});
     if (watches) stage_.monitors.push_back(prefix);
   }
+  std::vector<std::string> obstacles;
+  if (watches)
+    for (const std::string_view name : text::split(settings.text("obstacles"), ',')) obstacles.emplace_back(text::trim(name));
   for (const scene::Body& body : cell.scene.bodies) {
     const std::string id = text::identifier(body.name);
-    if (watches && std::ranges::any_of(stage_.bodies, [&](const StagedBody& known) { return known.body.name == body.name; }))
-      continue;
-    stage_.bodies.push_back({body, component.name + "." + id});
-    read_pose(component.name, id + ".", stage_.bodies.back().body.X_WB);
+    const auto known =
+        std::ranges::find_if(stage_.bodies, [&](const StagedBody& other) { return other.body.name == body.name; });
+    StagedBody made{body, component.name + "." + id};
+    made.comes = std::ranges::find(obstacles, body.name) != obstacles.end();
+    // A monitor watches bodies of others; its obstacles are where it has them.
+    if (known != stage_.bodies.end() && ((watches && !made.comes) || known->comes)) continue;
+    read_pose(component.name, id + ".", made.comes ? "" : "0", made.body.X_WB);
+    if (made.comes) {
+      made.present = given_numbers(scenario_, component.name, id + ".present", {1}).front();
+      made.scale = given_numbers(scenario_, component.name, id + ".scale", {1}).front();
+    }
+    if (!made.comes || known == stage_.bodies.end()) {
+      stage_.bodies.push_back(std::move(made));
+    } else {
+      *known = std::move(made);
+    }
   }
 }
 
@@ -201,10 +216,10 @@ void Builder::add_tracks(StagedRobot& robot, const std::vector<std::size_t>& mem
   }
 }
 
-void Builder::read_pose(const std::string& component, const std::string& prefix, Pose& X_WB) const {
+void Builder::read_pose(const std::string& component, const std::string& prefix, const char* start, Pose& X_WB) const {
   const Eigen::Quaterniond Q(X_WB.R);
-  const std::vector<double> p = given_numbers(scenario_, component, prefix + "p0", {X_WB.p.x(), X_WB.p.y(), X_WB.p.z()});
-  const std::vector<double> quat = given_numbers(scenario_, component, prefix + "quat0", {Q.w(), Q.x(), Q.y(), Q.z()});
+  const std::vector<double> p = given_numbers(scenario_, component, prefix + "p" + start, {X_WB.p.x(), X_WB.p.y(), X_WB.p.z()});
+  const std::vector<double> quat = given_numbers(scenario_, component, prefix + "quat" + start, {Q.w(), Q.x(), Q.y(), Q.z()});
   if (p.size() == 3) X_WB.p = {p[0], p[1], p[2]};
   if (quat.size() == 4 && Eigen::Map<const Eigen::Vector4d>(quat.data()).norm() > 0.5)
     X_WB.R = Eigen::Quaterniond(quat[0], quat[1], quat[2], quat[3]).normalized().toRotationMatrix();
@@ -213,7 +228,7 @@ void Builder::read_pose(const std::string& component, const std::string& prefix,
 void Builder::place(StagedRobot& robot, const Node& node) const {
   robot.in_world = true;
   const std::string prefix = node.robot.empty() ? "" : node.robot + ".";
-  read_pose(node.component, prefix + "base_", robot.base.X_WB);
+  read_pose(node.component, prefix + "base_", "0", robot.base.X_WB);
   robot.base.p = node.prefix + "base_p";
   robot.base.quat = node.prefix + "base_quat";
 }

@@ -65,7 +65,9 @@ struct StagedRobot {
 
 struct StagedBody {
   scene::Body body;
-  std::string prefix;  // of its variables: "world.block"
+  std::string prefix;             // of its variables: "world.block"
+  bool comes = false;             // an obstacle of a monitor
+  double present = 1, scale = 1;  // of an obstacle, at the start
 };
 
 struct Stage {

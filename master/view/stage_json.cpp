@@ -396,9 +396,16 @@ Json Writer::write() {
     add_pose(body, staged.body.X_WB);
     body["p_signal"] = is_recorded(p, 3) ? p : "";
     body["quat_signal"] = is_recorded(quat, 4) ? quat : "";
+    if (staged.comes) {
+      const std::string present = staged.prefix + ".present", scale = staged.prefix + ".scale";
+      body["obstacle"] = {{"present", staged.present},
+                          {"present_signal", is_recorded(present, 1) ? present : ""},
+                          {"scale", staged.scale},
+                          {"scale_signal", is_recorded(scale, 1) ? scale : ""}};
+    }
     body["visuals"] = visuals_.write(staged.body.shapes);
     json["bodies"].push_back(std::move(body));
-    const bool moves = staged.body.motion != scene::Motion::kStatic;
+    const bool moves = staged.body.motion != scene::Motion::kStatic || staged.comes;
     if (moves && (!is_recorded(p, 3) || !is_recorded(quat, 4)) && still.size() < 200) text::append(still, p + " and " + quat);
   }
   if (!still.empty())
@@ -415,6 +422,11 @@ Json Writer::write() {
     if (is_recorded(p_a, 3) && is_recorded(p_b, 3) && is_recorded(distance, 1))
       json["distances"].push_back(
           {{"name", prefix.substr(0, prefix.size() - 1)}, {"p_a", p_a}, {"p_b", p_b}, {"distance", distance}});
+  }
+  json["lights"] = Json::array();
+  for (const std::string& prefix : stage_.monitors) {
+    if (is_recorded(prefix + "zone", 1))
+      json["lights"].push_back({{"name", prefix.substr(0, prefix.size() - 1)}, {"zone", prefix + "zone"}});
   }
   const std::string any = stage_.monitors.empty() ? "" : stage_.monitors.front();
   json["distances_lack"] = !json["distances"].empty() ? ""

@@ -37,7 +37,7 @@ struct Varied {
   /// Between two values of one sign, which may differ by orders of magnitude: their geometric mean.
   double middle() const {
     if (!(low > 0 || high < 0)) return low + (high - low) / 2;
-    return std::copysign(std::sqrt(low) * std::sqrt(high), high);
+    return std::copysign(std::sqrt(std::abs(low)) * std::sqrt(std::abs(high)), high);
   }
   std::string name;
   double low = 0, high = 0;

@@ -76,6 +76,14 @@ TEST(Search, EndsAtZeroAndWarnsOnce) {
   EXPECT_EQ(found.err.find(warning, first + 1), std::string::npos) << found.err;
 }
 
+TEST(Search, FindsNegativeValues) {
+  const fs::path arm = fs::path(cotwin::places::source()) / "examples/01_joint_admittance/arm.ssd";
+  const RunResult found = run_program({"search", arm, "--stop", "0.01", "--vary", "compliance.tau_e[1]=-900:-0.01", "--until",
+                                       "compliance.tau_e[1]>-2", "--json", "-"});
+  ASSERT_EQ(found.code, 0) << found.err;
+  EXPECT_NEAR(json::parse(found.out).at("critical").get<double>(), -2, 2e-3);
+}
+
 TEST(Search, RefusesWhatItCannotSearch) {
   const std::vector<std::pair<RunResult, std::string>> cases{
       {search("compliance.S_a[1]=20:90", "compliance.Delta[1]>=0.2"), "holds at both ends of the interval"},

@@ -142,12 +142,19 @@ TEST_F(Page, ShowsTwoRobotsAndABodyInContact) {
                       {"seeks", seeks},
                       {"cues", json::array({"contacts", "tau_e", "trails", "mass"})},
                       {"lacking", json::array({"energy"})}};
-  const RunResult hulls =
-      cotwin({"run", (root_ / "examples/20_safety_hulls/cell.ssd").string(), "--stop", "0.5", "--out", "hulls", "--quiet"});
-  ASSERT_EQ(hulls.code, 0) << hulls.err;
-  ASSERT_EQ(cotwin({"view", "hulls"}).code, 0);
-  const json watched = {{"file", page("hulls/view.html")},
-                        {"seeks", json::array({{{"t", 0.5}}})},
+  // A trolley that comes and grows stops one of two robots.
+  const RunResult cell =
+      cotwin({"run", (root_ / "examples/25_shared_cell/cell.ssd").string(), "--stop", "0.6", "--out", "cell", "--quiet",
+              "--event", "t=0.2 monitor.trolley.present=1", "--event", "t=0.4 monitor.trolley.scale=2"});
+  ASSERT_EQ(cell.code, 0) << cell.err;
+  ASSERT_EQ(cotwin({"view", "cell"}).code, 0);
+  const auto trolley = [](double t, double size, const char* right) -> json {
+    return {{"t", t},
+            {"bodies", {{"trolley", matrix_of(size * Eigen::Matrix3d::Identity(), {3.5, -1.05, 0.45})}}},
+            {"lights", {{"left", "clear"}, {"right", right}}}};
+  };
+  const json watched = {{"file", page("cell/view.html")},
+                        {"seeks", json::array({trolley(0.1, 1e-9, "clear"), trolley(0.3, 1, "slow"), trolley(0.5, 2, "stop")})},
                         {"cues", json::array({"distances", "trails"})},
                         {"lacking", json::array({"contacts"})}};
   check(json::array({shown, watched}));

@@ -313,6 +313,37 @@ TEST(Stage, ShowsWhatAMonitorWatches) {
   EXPECT_EQ(lacking.at("distances_lack"), "record monitor.left.p_a, monitor.left.p_b and monitor.left.distance");
 }
 
+// Obstacles are where the monitor has them, also if a contact world knows them, whichever comes first.
+TEST(Stage, ShowsObstaclesWhereTheMonitorHasThem) {
+  const fs::path root = places::source();
+  Scenario scenario = load_scenario(root / "examples/25_shared_cell/cell.ssd");
+  const std::vector<fs::path> folders = {scenario.folder, root / "models"};
+  const Recorded recorded =
+      recording_of({{"drive.q", 7}, {"right.q_d", 6}, {"monitor.trolley.present", 1}, {"monitor.left.zone", 1}});
+  for (int order = 0; order < 2; ++order) {
+    const Stage stage = stage_of(scenario, recorded, unit_types(), folders);
+    EXPECT_THAT(stage.remarks, IsEmpty());
+    CalculatedTable calculated;
+    Packer packer;
+    std::vector<std::string> remarks;
+    const auto page = stage_json({stage, recorded, &scenario, unit_types(), folders}, {}, calculated, packer, remarks);
+    ASSERT_EQ(page.at("bodies").size(), 3u);
+    for (const auto& body : page.at("bodies")) {
+      if (body.at("name") == "person") {
+        EXPECT_FALSE(body.contains("obstacle"));
+      } else {
+        const bool trolley = body.at("name") == "trolley";
+        EXPECT_EQ(body.at("obstacle").at("present"), trolley ? 0 : 1);
+        EXPECT_EQ(body.at("obstacle").at("present_signal"), trolley ? "monitor.trolley.present" : "");
+        EXPECT_EQ(body.at("obstacle").at("scale"), 1);
+      }
+    }
+    ASSERT_EQ(page.at("lights").size(), 1u);
+    EXPECT_EQ(page.at("lights")[0].at("name"), "monitor.left");
+    std::ranges::reverse(scenario.components);
+  }
+}
+
 TEST(Stage, PutsBodiesWhereTheScenarioPutsThem) {
   const Stage stage = stage_of_example("04_peg_in_hole/twin.ssd", recording_of({{"robot.q", 7}}));
   ASSERT_EQ(stage.bodies.size(), 1u);

@@ -237,7 +237,7 @@ export class BodyView {
 
   constructor(
     readonly body: Body,
-    recording: Recording,
+    private readonly recording: Recording,
     points: (visual: object) => Float32Array | undefined,
     meshes: Meshes,
     material: three.MeshBasicMaterial,
@@ -255,10 +255,19 @@ export class BodyView {
   }
 
   get moves(): boolean {
-    return this.pose.moves;
+    return this.pose.moves || this.body.obstacle !== undefined;
+  }
+  /// Of an obstacle; one that is not there is too small to be seen.
+  private size({ row }: Place): number {
+    const obstacle = this.body.obstacle;
+    if (obstacle === undefined) return 1;
+    const value = (signal: string, otherwise: number): number => this.recording.values(signal)?.[0]![row] ?? otherwise;
+    return value(obstacle.present_signal, obstacle.present) === 0 ? 1e-9 : value(obstacle.scale_signal, obstacle.scale);
   }
   place(place: Place): void {
     this.pose.at(place, this.group.matrix);
+    const size = this.size(place);
+    if (size !== 1) this.group.matrix.scale(new three.Vector3(size, size, size));
     this.group.matrixWorldNeedsUpdate = true;
     for (const member of this.members) this.instances.place(member, this.group.matrix);
   }
@@ -277,7 +286,9 @@ export function needed_signals(data: PageData): string[] {
     for (const at of [figure, ...figure.tracks]) names.add(at.base_p ?? '').add(at.base_quat ?? '');
     for (const track of figure.tracks) names.add(track.signal);
   }
-  for (const body of data.bodies) names.add(body.p_signal).add(body.quat_signal);
+  for (const body of data.bodies)
+    names.add(body.p_signal).add(body.quat_signal).add(body.obstacle?.present_signal ?? '').add(body.obstacle?.scale_signal ?? '');
+  for (const light of data.lights) names.add(light.zone);
   names.delete('');
   return [...names];
 }

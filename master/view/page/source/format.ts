@@ -158,6 +158,8 @@ export interface Body extends Pose {
   p_signal: string;
   quat_signal: string;
   visuals: Visual[];
+  /// Of an obstacle of a monitor: whether it is there, and its size.
+  obstacle?: { present: number; present_signal: string; scale: number; scale_signal: string };
 }
 
 export interface Contacts {
@@ -179,6 +181,12 @@ export interface Measured {
   p_a: string;
   p_b: string;
   distance: string;
+}
+
+/// The zone of a robot: 0 clear, 1 slow, 2 stop.
+export interface Light {
+  name: string;
+  zone: string;
 }
 
 /// A term of the energy of a component.
@@ -213,6 +221,7 @@ export interface PageData {
   forces: Force[];
   distances: Measured[];
   distances_lack: string;
+  lights: Light[];
   energy: EnergyTerm[];
   energy_lacks: string;
   plots: string[];

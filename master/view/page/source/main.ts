@@ -4,6 +4,7 @@ import * as three from 'three';
 import { Connection, Refused, type LiveSignal, type RunFacts } from './connection';
 import { Controls } from './controls';
 import { Instances } from './instances';
+import { Lights } from './lights';
 import { cues_of, type Cue } from './cues';
 import { button, element } from './dom';
 import { kRoles } from './colours';
@@ -69,6 +70,7 @@ class Page {
   private readonly built = new Set<string>();
   private readonly entries = new Map<string, { box: HTMLInputElement; text: HTMLElement }>();
   private plots: Plot[] = [];
+  private readonly lights: Lights;
   private dirty = true;
   private last = 0;
   private readonly frames: number[] = [];
@@ -97,7 +99,9 @@ class Page {
     private readonly recording: Recording,
     private readonly numbers: string,
     private readonly live?: Live,
-  ) {}
+  ) {
+    this.lights = new Lights(data.lights, recording);
+  }
 
   async open(): Promise<void> {
     const { data, live } = this;
@@ -216,7 +220,7 @@ class Page {
         button('?', 'keys and facts (?)', () => this.help.showModal()),
       ),
       side,
-      element('div', { class: 'stage' }, this.canvas, this.notes),
+      element('div', { class: 'stage' }, this.canvas, this.lights.panel, this.notes),
       element('aside', { class: 'side' }, element('div', { class: 'add' }, add), this.plot_list),
       element('div', { class: 'line' }, this.play, this.speed, this.slider, this.clock, this.now),
       this.help,
@@ -440,8 +444,9 @@ class Page {
       for (const plot of this.plots) plot.draw();
     }
     if (is_due || this.live === undefined || !following) for (const plot of this.plots) plot.follow(t);
-    if (this.stage === undefined) return;
     const place = this.recording.place(t);
+    this.lights.update(place.row);
+    if (this.stage === undefined) return;
     for (const view of this.figures) view.place(place, t);
     for (const view of this.bodies) if (view.moves) view.place(place);
     // Nobody reads figures that change 60 times a second, and laying them out takes longer than drawing the robot.

@@ -1,6 +1,6 @@
 // check_pages.mjs CHROMIUM PLAN.json [FOLDER]: opens pages in Chromium and compares them with what a plan expects. Writes one line per failure and
 // ends with 1 if there is one. FOLDER: for screenshots. The plan is a list of
-//   { file, size?, dark?, title?, figures?, seeks?: [{ t, figures?: [{ bodies, tip }], bodies?: { name: matrix }, tools?: { name on robot 0: matrix, or null for hidden }, plots?: { name: values } }],
+//   { file, size?, dark?, title?, figures?, seeks?: [{ t, figures?: [{ bodies, tip }], bodies?: { name: matrix }, tools?: { name on robot 0: matrix, or null for hidden }, plots?: { name: values }, lights?: { name: zone } }],
 //     cues?: [ids that have data], lacking?: [ids], remarks?: [texts], colours?: least number in the 3D view, keys?: true, themes?: true, zoom?: name of a plot, frames? }
 import { readFileSync, writeFileSync } from 'node:fs';
 import { join } from 'node:path';
@@ -50,6 +50,8 @@ async function look(browser, step) {
     near(found.tip, figure.tip, `t = ${step.t}: tip of figure ${i}`);
   }
   for (const [name, pose] of Object.entries(step.bodies ?? {})) near(await browser.evaluate(`cotwin.body_pose(${JSON.stringify(name)})`), pose, `t = ${step.t}: body ${name}`);
+  const lights = await browser.evaluate("Object.fromEntries([...document.querySelectorAll('.light')].map((box) => [box.children[1].textContent, box.dataset.zone]))");
+  for (const [name, zone] of Object.entries(step.lights ?? {})) check(lights[name] === zone, `t = ${step.t}: light ${name} is ${lights[name]}, expected ${zone}`);
   for (const [name, pose] of Object.entries(step.tools ?? {})) {
     const found = await browser.evaluate(`cotwin.tool_pose(0, ${JSON.stringify(name)})`);
     if (pose === null) check(found === null, `t = ${step.t}: tool ${name} is shown`);
