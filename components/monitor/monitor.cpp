@@ -159,7 +159,10 @@ void Monitor::check_inputs(Time now) const {
 void Monitor::place_obstacle(Body& body) {
   Part& part = *parts_[body.part];
   part.present = body.present != 0;
-  const Pose X_WB = pose_of_input(place_, body.prefix, "quat", body.pose.p, body.pose.quat);
+  Pose X_WB{Eigen::Matrix3d::Identity(), vector3(body.pose.p)};
+  // Somebody who sets one element after the other may come past a quaternion of zero, which does not end the run.
+  if (std::ranges::any_of(body.pose.quat, [](double x) { return x != 0; }))
+    X_WB = pose_of_input(place_, body.prefix, "quat", body.pose.p, body.pose.quat);
   part.jumped = X_WB != part.X_W || body.scale != body.scale_in_force;
   part.X_W = X_WB;
   if (body.scale == body.scale_in_force) return;

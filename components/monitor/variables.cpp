@@ -63,7 +63,8 @@ void Monitor::declare(Variables& v) {
   const auto declare_obstacle = [&v](const std::string& x, Body& body, const std::string& of) {
     v.tunable(x + "present", body.present, "1", "1 while " + of + " is there, else 0").range(0, 1);
     v.tunable(x + "p", body.pose.p, "m", "position of " + of + " in W").range(-1e9, 1e9);
-    v.tunable(x + "quat", body.pose.quat, "1", "orientation of " + of + " in W, quaternion (w, x, y, z) of any length")
+    v.tunable(x + "quat", body.pose.quat, "1",
+              "orientation of " + of + " in W, quaternion (w, x, y, z) of any length; 0: not turned")
         .range(-1e9, 1e9);
     v.tunable(x + "scale", body.scale, "1", "size of " + of + ", about its origin, as a multiple of that in the scene")
         .range(kLeastScale, kMostScale);

@@ -1,5 +1,6 @@
 // The whole twin of example 02 (20 s at 1 ms, recorded as its scenario says) on one thread: its cost per simulated millisecond,
-// and the share of each part. And the fixed cell and the free twins of example 24, with latches and contacts.
+// and the share of each part. And the fixed cell and the free twins of example 24, with latches and contacts;
+// the robots of example 25, which a monitor slows; and what a motion costs that can be slowed.
 #include <algorithm>
 #include <cstdio>
 #include <exception>
@@ -38,6 +39,35 @@ void print(const std::string& name, double us, double goal) {
   benchmark::print({"whole twin (example 02), " + name + ", per simulated ms", "us", us, "real time", kRealTime, goal, true});
 }
 
+/// What `override=true` adds to a step of a motion of 7 joints at varying speed, s.
+double override_seconds() {
+  const auto motion = [](const char* source) {
+    Instance unit = make_unit(source, {}, {cotwin::places::source() + "/models"}, unit_types());
+    assign_text(unit.variables.at("waypoint_t"), "0 2");
+    assign_text(unit.variables.at("waypoint_q"), "-2 -0.5 0 1.5 0 -1.1 0  -0.4 -0.9 0 1.1 0 -1.1 0");
+    assign_text(unit.variables.at("loop"), "there_and_back");
+    unit.unit->initialise(Time{});
+    return unit;
+  };
+  Instance planned = motion("unit:motion?robot=lwr4&points=2"),
+           slowed = motion("unit:motion?robot=lwr4&points=2&override=true");
+  const Duration h{1'000'000};
+  Time t, t_slowed;
+  double& speed = slowed.variables.at("speed").reals()[0];
+  int k = 0;
+  const auto step = [h](Instance& unit, Time& at) {
+    benchmark::keep(unit.unit->step(at, h));
+    at = at + h;
+  };
+  const benchmark::Figures found = benchmark::measure(
+      [&] {
+        speed = 0.01 * (k = (k + 37) % 101);
+        step(slowed, t_slowed);
+      },
+      [&] { step(planned, t); });
+  return found.ours - found.peer;
+}
+
 }  // namespace
 
 int main() try {
@@ -45,6 +75,7 @@ int main() try {
   std::vector<master::Summary> runs;
   for (int i = 0; i < benchmark::shortened(7, 1); ++i) runs.push_back(run_once(results));
   const master::Summary servicing = run_once(results, "24_satellite_servicing/servicing.ssd");
+  const master::Summary cell = run_once(results, "25_shared_cell/cell.ssd");
   fs::remove_all(results);
   std::sort(runs.begin(), runs.end(), [](const auto& a, const auto& b) { return a.wall_seconds < b.wall_seconds; });
   const master::Summary& median = runs[runs.size() / 2];
@@ -54,6 +85,10 @@ int main() try {
   print("exchange, checks and recording", (median.exchange_share + median.check_share + median.observe_share) * us, 0);
   benchmark::print({"fixed cell and free twins (example 24), per simulated ms", "us", kRealTime / servicing.real_time_factor,
                     "real time", kRealTime, 1.0 / 3, true});
+  benchmark::print({"two robots, a person and a monitor that slows them (example 25), per simulated ms", "us",
+                    kRealTime / cell.real_time_factor, "real time", kRealTime, 0.2, true});
+  benchmark::print(
+      {"slowing a motion of 7 joints along its path, a step", "ns", 1e9 * override_seconds(), "none", 0, 50, false});
 } catch (const std::exception& error) {
   std::fprintf(stderr, "twin: %s\n", error.what());
   return 1;

@@ -299,9 +299,12 @@ TEST_F(Separations, RefuseObstaclesThatAreNone) {
     unit.set("crate.scale", Values{scale});
     EXPECT_THAT(error_of([&] { unit.step(1e-3); }), HasSubstr("crate.scale: is ")) << scale;
   }
-  unit.set("crate.scale", Values{1}).set("crate.quat", Values{0, 0, 0, 0});
-  EXPECT_THAT(error_of([&] { unit.step(1e-3); }), HasSubstr("crate.quat"));
-  unit.set("crate.quat", Values{1, 0, 0, 0}).set("crate.p", Values{0, INFINITY, 0});
+  unit.set("crate.scale", Values{1}).set("crate.quat", Values{0, NAN, 0, 0});
+  EXPECT_THAT(error_of([&] { unit.step(1e-3); }), HasSubstr("crate.quat[2]: is nan"));
+  unit.set("crate.quat", Values{0, 0, 0, 0});
+  unit.step(1e-3);
+  EXPECT_NEAR(unit.real("distance"), 3 - 0.1 - 0.45, 1e-12) << "not turned";
+  unit.set("crate.p", Values{0, INFINITY, 0});
   EXPECT_THAT(error_of([&] { unit.step(1e-3); }), HasSubstr("crate.p[2]: is inf"));
 }
 
