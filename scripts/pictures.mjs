@@ -19,6 +19,7 @@ const pictures = [
   { name: 'compliance', scenario: '07_cartesian_compliance/twin.ssd', cues: 'gs', t: 14.5, only3d: true },
   { name: 'carrying', scenario: '10_cooperation/carrying.ssd', cues: 'ct', t: 9, only3d: true, closer: 0.2 },
   { name: 'hulls', scenario: '20_safety_hulls/cell.ssd', cues: 'x', t: 2.6, only3d: true, closer: 0.15 },
+  { name: 'shared_cell', scenario: '25_shared_cell/cell.ssd', cues: 'x', t: 6.5, only3d: true, from: [5, 1.6, 2.6], to: [1.3, -0.5, 0.4] },
   { name: 'reaction', scenario: '21_reaction/reaction.ssd', cues: '', t: 6.7, only3d: true, closer: 0.3 },
   { name: 'reactionless', script: '22_reactionless/run.sh', results: ['run'], cues: 't', t: 5, only3d: true, closer: 0.3 },
   { name: 'latch', scenario: '23_latch/latch.ssd', cues: 'tc', t: 4.5, only3d: true, closer: 0.3 },

@@ -309,6 +309,39 @@ TEST(Bodies, HaveTheLeastDistanceOfTheirShapes) {
   }
 }
 
+TEST(Bodies, OfAnotherSizeAreThoseOfScaledShapes) {
+  Random random(8);
+  const Solid probe(std::vector{random_hull(random, 0.2), shape(ShapeType::kCapsule, {0.05, 0.6, 0})});
+  Finder finder;
+  finder.reserve(probe);
+  for (int k = 0; k < 100; ++k) {
+    std::vector<Shape> shapes = dish(3, 6);
+    for (const ShapeType type :
+         {ShapeType::kSphere, ShapeType::kBox, ShapeType::kCapsule, ShapeType::kCylinder, ShapeType::kEllipsoid})
+      shapes.push_back(shape(type, {random.real(0.02, 0.3), random.real(0.02, 0.3), random.real(0.02, 0.3)}));
+    shapes.push_back(random_hull(random, 0.3));
+    for (Shape& one : shapes) one.X_BS = random.pose(0.4);
+    if (k % 10 == 0) shapes.push_back(shape(ShapeType::kPlane, Vector3d::Zero()));
+    const Solid unscaled(shapes);
+    const double factor = k % 2 == 0 ? random.real(0.1, 1) : random.real(1, 5);
+    for (Shape& one : shapes) {
+      one.X_BS.p *= factor;
+      one.size.head(one.type == ShapeType::kTriangle ? 1 : 3) *= factor;  // of a triangle only the depth is a length
+      for (Vector3d& v : one.vertices) v *= factor;
+    }
+    const Solid expected(shapes);
+    Solid solid = unscaled;
+    solid.set_scaled(unscaled, 7);
+    solid.set_scaled(unscaled, factor);
+    finder.reserve(solid);
+    EXPECT_NEAR(1 / solid.reach(), 1 / expected.reach(), 1e-12);
+    for (int pose = 0; pose < 5; ++pose) {
+      const Pose X = random.pose(2);
+      EXPECT_NEAR(finder.find(solid, {}, probe, X).d, finder.find(expected, {}, probe, X).d, 1e-9) << k;
+    }
+  }
+}
+
 TEST(Bodies, WithPlanesAndWithoutShapes) {
   Finder finder;
   const Solid none(std::vector<Shape>{}), ball(std::vector{shape(ShapeType::kSphere, {0.1, 0, 0})});
