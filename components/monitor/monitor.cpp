@@ -21,7 +21,7 @@ Monitor::Monitor(Settings& settings)
     : place_(settings.unit()),
       cell_(settings.cell()),
       floating_(settings.choice("base") == "floating"),
-      separates_(settings.boolean("separation")),
+      separates_(!settings.text("separation").empty()),
       all_(std::make_unique<Ports>()) {
   if (cell_.robots.empty()) throw Error(place_, "has no robot to watch, expected the setting robot or robots");
   const auto add_part = [&](const std::string& name, std::span<const scene::Shape> shapes) -> Part& {
@@ -87,19 +87,27 @@ std::size_t Monitor::part(const std::string& name, const std::string& ignored) c
                           (near.empty() ? "" : ", did you mean '" + near + "'?") + ", expected name:name,name:name");
 }
 
-void Monitor::add_obstacles(const std::string& names) {
+/// The bodies of the scene that a setting names, name,name.
+std::vector<Monitor::Body*> Monitor::bodies_of(const std::string& setting, const std::string& names) const {
+  std::vector<Body*> bodies;
   for (const std::string_view item : text::split(names, ',')) {
     const std::string name(text::trim(item));
     if (name.empty()) continue;
     const auto found = std::ranges::find_if(bodies_, [&](const auto& body) { return parts_[body->part]->name == name; });
-    const std::string where = "obstacles=" + names + ": '" + name + "'";
-    if (found == bodies_.end()) throw Error(place_, where + " is no body of scene '" + cell_.scene.name + "'");
-    Body& body = **found;
-    Part& part = *parts_[body.part];
+    if (found == bodies_.end())
+      throw Error(place_, setting + "=" + names + ": '" + name + "' is no body of scene '" + cell_.scene.name + "'");
+    bodies.push_back(found->get());
+  }
+  return bodies;
+}
+
+void Monitor::add_obstacles(const std::string& names) {
+  for (Body* body : bodies_of("obstacles", names)) {
+    Part& part = *parts_[body->part];
     if (part.moves && !part.comes)
-      throw Error(place_, where + " moves by itself, expected a static body, which its variables move then");
+      throw Error(place_, "obstacles=" + names + ": '" + part.name + "' moves by itself, expected static bodies");
     part.moves = part.comes = true;
-    body.unscaled = part.solid;
+    body->unscaled = part.solid;
   }
 }
 

@@ -54,6 +54,7 @@ class Monitor final : public Unit {
     std::size_t pair = 0;
   };
 
+  std::vector<Body*> bodies_of(const std::string& setting, const std::string& names) const;
   void add_obstacles(const std::string& names);
   void add_pairs(const std::string& ignored);
   void add_separation(Settings& settings);

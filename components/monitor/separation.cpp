@@ -46,7 +46,8 @@ void Separation::reset() {
 double Separation::distance(const SeparationFigures& f, double h, double v_h, double v_r) const {
   const double T_r = f.T_r + 2 * h, v_brake = v_r + a_r_ * T_r;
   const double S_s = S_s_ >= 0 ? S_s_ : v_brake * T_s_ / 2 + a_r_ * T_s_ * T_s_ / 6;
-  return v_h * (T_r + T_s_) + (v_r + v_brake) / 2 * T_r + S_s + f.C + f.Z_d + f.Z_r;
+  const double S_p = v_h * (T_r + T_s_) + (v_r + v_brake) / 2 * T_r + S_s + f.C + f.Z_d + f.Z_r;
+  return std::isfinite(S_p) ? S_p : kNone;  // a tunable that is no number stops the robot
 }
 
 double Separation::speed_ahead(const SeparationFigures& f, std::size_t link, double v_r) const {
@@ -56,9 +57,9 @@ double Separation::speed_ahead(const SeparationFigures& f, std::size_t link, dou
 bool Separation::update(const SeparationFigures& f, const Nearest& nearest, double margin_ahead,
                         const std::vector<double>& speeds, double t) {
   const Zone before = zone();
-  Zone next = nearest.margin < 0 ? kStop : nearest.margin < f.band ? kSlow : kClear;
+  Zone next = nearest.margin < 0 ? kStop : nearest.margin >= f.band ? kClear : kSlow;
   if (next < before)
-    next = margin_ahead < (before == kStop ? 0 : f.band) + f.hysteresis ? before : before == kStop ? kSlow : kClear;
+    next = !(margin_ahead >= (before == kStop ? 0 : f.band) + f.hysteresis) ? before : before == kStop ? kSlow : kClear;
   if (next == before) return false;
   if (before == kClear) clear_speeds_ = speeds;
   state_[kZone] = next;
@@ -89,6 +90,21 @@ void Separation::append_note(const std::string& robot, const std::vector<std::st
 }
 
 void Monitor::add_separation(Settings& settings) {
+  const std::string names = settings.text("separation");
+  std::vector<char> counts(parts_.size(), 0);
+  if (names == "all") {
+    for (const auto& body : bodies_) counts[body->part] = parts_[body->part]->moves;
+  } else {
+    for (const Body* body : bodies_of("separation", names)) {
+      const Part& part = *parts_[body->part];
+      if (!part.moves)
+        throw Error(place_,
+                    "separation=" + names + ": '" + part.name + "' stands, expected bodies that move or are in obstacles");
+      counts[body->part] = 1;
+    }
+  }
+  if (std::ranges::count(counts, 1) == 0)
+    settings.warn("separation=" + names + ", but no body of the scene moves or is in obstacles, so speed stays 1");
   for (const auto& robot : robots_) {
     Robot& r = *robot;
     const robot::RobotModel& model = r.placed->model;
@@ -110,12 +126,10 @@ void Monitor::add_separation(Settings& settings) {
     r.separation = std::make_unique<Separation>(model.bodies.size() + 1, fastest / kStopping);
     r.speeds.resize(model.bodies.size() + 1);
     for (std::size_t k = 0; k < pairs_.size(); ++k) {
-      const Part &body = *parts_[pairs_[k].a], &link = *parts_[pairs_[k].b];
-      if (body.robot < 0 && body.moves && robots_[static_cast<std::size_t>(link.robot)] == robot) r.kept.push_back({k});
+      const auto owner = static_cast<std::size_t>(parts_[pairs_[k].b]->robot);
+      if (counts[pairs_[k].a] != 0 && robots_[owner] == robot) r.kept.push_back({k});
     }
   }
-  if (std::ranges::all_of(robots_, [](const auto& robot) { return robot->kept.empty(); }))
-    settings.warn("separation=true, but no body of the scene moves or is in obstacles, so speed stays 1");
 }
 
 void Monitor::append_notes(std::vector<std::string>& notes) const {

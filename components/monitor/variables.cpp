@@ -11,9 +11,10 @@ void Monitor::declare_settings(SettingList& s) {
   s.text("ignore", "",
          "pairs whose distance does not count, name:name,name:name, of bodies of the scene, and of links as link_5:link_7 or "
          "left/link_5:table");
-  s.boolean("separation", false,
-            "speed and separation monitoring (ISO/TS 15066): whether robots are to slow down or stop before bodies that move "
-            "and obstacles");
+  s.text("separation", "",
+         "bodies before which robots are to slow down or stop (speed and separation monitoring, ISO/TS 15066): name,name, or "
+         "all that "
+         "move and all obstacles: all");
   s.text("obstacles", "",
          "static bodies of the scene that are moved, scaled and switched while the run goes on: name,name; nobody but this "
          "unit meets them");

@@ -29,7 +29,7 @@ constexpr double kNone = 1e12;
 class Separations : public Slides {};
 
 TEST_F(Separations, KeepTheDistanceOfTheTechnicalSpecification) {
-  UnitSubject unit = monitor("robot=@slide.urdf&scene=@ball.sdf&separation=true&ignore=hand:obstacle");
+  UnitSubject unit = monitor("robot=@slide.urdf&scene=@ball.sdf&separation=all&ignore=hand:obstacle");
   unit.set("a_r", "0").set("C", "0.1").set("Z_d", "0.02").set("Z_r", "0.03").set("T_r", "0.2").set("T_s", "0.4");
   const double T_r = 0.2 + 2 * 0.01, known = 0.1 + 0.02 + 0.03;
   const auto S_p = [&](double v_r, const Vector3d& v, const Vector3d& w = Vector3d::Zero()) {
@@ -54,13 +54,13 @@ TEST_F(Separations, KeepTheDistanceOfTheTechnicalSpecification) {
 }
 
 TEST_F(Separations, SpeedUpAtMostAsTheStretchedArmAtItsLimit) {
-  UnitSubject unit = monitor("robot=@slide.urdf&scene=@ball.sdf&separation=true");
+  UnitSubject unit = monitor("robot=@slide.urdf&scene=@ball.sdf&separation=all");
   EXPECT_NEAR(unit.real("a_r"), 1 / 0.5, 1e-12) << "slides of 1 m/s; the joint that turns has no limit";
 }
 
 // All speeds and zones of an approach and a retreat, by hand.
 TEST_F(Separations, HaveThreeZonesWithHysteresis) {
-  UnitSubject unit = monitor("robot=@slide.urdf&scene=@ball.sdf&separation=true&ignore=hand:obstacle");
+  UnitSubject unit = monitor("robot=@slide.urdf&scene=@ball.sdf&separation=all&ignore=hand:obstacle");
   unit.set("a_r", "0").set("T_r", "0").set("T_s", "0.5").set("v_h", "0").set("C", "1").set("slow_band", "0.5");
   unit.set("hysteresis", "0.1");
   const auto zone_at = [&](double d, double v_r) {
@@ -106,7 +106,7 @@ TEST_F(Separations, ARobotAtConstantSpeedUsesItsDistanceUp) {
     for (const double walks : {0.0, 0.5, 1.7}) {
       UnitSubject motion = unit("unit:motion?robot=@slide.urdf&kind=csv&override=true");
       motion.set("file", (folder_.path() / "line.csv").string()).set("speed_ramp", "0.4");
-      UnitSubject watch = monitor("robot=@slide.urdf&scene=@ball.sdf&separation=true&ignore=hand:obstacle");
+      UnitSubject watch = monitor("robot=@slide.urdf&scene=@ball.sdf&separation=all&ignore=hand:obstacle");
       watch.set("a_r", "0").set("T_r", "0").set("T_s", "0.4").set("v_h", "0").set("C", "0.1").set("slow_band", "0");
       const auto observe = [&] {
         watch.set("q", motion.values("q_d")).set("dq", motion.values("dq_d")).set("obstacle.v", Values{-walks, 0, 0});
@@ -133,7 +133,7 @@ TEST_F(Separations, RobotsAreAtRestBeforeTheyAreReached) {
   std::mt19937 random(5);
   const auto uniform = [&](double low, double high) { return std::uniform_real_distribution<double>(low, high)(random); };
   UnitSubject motion = unit("unit:motion?robot=@slide.urdf&points=2&override=true");
-  UnitSubject watch = monitor("robot=@slide.urdf&scene=@ball.sdf&separation=true");
+  UnitSubject watch = monitor("robot=@slide.urdf&scene=@ball.sdf&separation=all");
   int approaches = 0, stopped = 0, ended = 0, near = 0;
   for (int k = 0; approaches < 1000; ++k) {
     const bool head_on = k % 3 == 0;
@@ -188,7 +188,7 @@ TEST_F(Separations, RobotsAreAtRestBeforeTheyAreReached) {
 }
 
 TEST_F(Separations, StopBeforeWhatJumpsOrIsThereFromTheBeginning) {
-  UnitSubject unit = monitor("robot=@slide.urdf&scene=@comes.sdf&separation=true&obstacles=crate");
+  UnitSubject unit = monitor("robot=@slide.urdf&scene=@comes.sdf&separation=all&obstacles=crate");
   unit.set("crate.p", Values{0, 0, 0}).set("person.p", Values{0, 9, 0});
   unit.initialise();
   EXPECT_EQ(unit.integer("zone"), 2) << "the crate is around the robot";
@@ -209,7 +209,7 @@ TEST_F(Separations, StopBeforeWhatJumpsOrIsThereFromTheBeginning) {
 }
 
 TEST_F(Separations, CountBodiesThatMoveAndObstaclesAlone) {
-  UnitSubject plate = monitor("robot=@slide.urdf&scene=@plate.sdf&separation=true&ignore=hand:plate");
+  UnitSubject plate = monitor("robot=@slide.urdf&scene=@plate.sdf&separation=all&ignore=hand:plate");
   plate.set("q", Values{2.8, 0, 0});
   plate.initialise();
   EXPECT_LT(plate.real("distance"), 0.1);
@@ -217,7 +217,7 @@ TEST_F(Separations, CountBodiesThatMoveAndObstaclesAlone) {
   EXPECT_EQ(plate.real("separation"), kNone);
   EXPECT_THAT(plate.instance().warnings,
               ::testing::Contains(HasSubstr("no body of the scene moves or is in obstacles, so speed stays 1")));
-  UnitSubject two = monitor("robots=a:@slide.urdf,b:@slide.urdf&scene=@ball.sdf&separation=true");
+  UnitSubject two = monitor("robots=a:@slide.urdf,b:@slide.urdf&scene=@ball.sdf&separation=all");
   two.set("b.base_p0", Values{0, 6, 0}).set("obstacle.p", Values{0, 5, 0});
   two.initialise();
   EXPECT_EQ(two.real("a.speed"), 1);
@@ -228,8 +228,36 @@ TEST_F(Separations, CountBodiesThatMoveAndObstaclesAlone) {
 }
 
 // What was measured before saves time and changes nothing, whatever moves, jumps, grows or vanishes.
+TEST_F(Separations, CountNamedBodiesAndNoOthers) {
+  const auto zone = [&](const char* names) {
+    UnitSubject unit = monitor(std::string("robot=@slide.urdf&scene=@comes.sdf&obstacles=crate&separation=") + names);
+    unit.set("crate.p", Values{0, 0.3, 0}).set("person.p", Values{0, 9, 0});
+    unit.initialise();
+    return unit.integer("zone");
+  };
+  EXPECT_EQ(zone("crate"), 2);
+  EXPECT_EQ(zone("person"), 0);
+  EXPECT_EQ(zone("person, crate"), 2);
+  EXPECT_EQ(zone("all"), 2);
+  EXPECT_THAT(error_of([&] { zone("persom"); }), HasSubstr("separation=persom: 'persom' is no body of scene 'w'"));
+  EXPECT_THAT(error_of([&] { monitor("robot=@slide.urdf&scene=@plate.sdf&separation=plate"); }),
+              HasSubstr("'plate' stands, expected bodies that move or are in obstacles"));
+}
+
+TEST_F(Separations, StopWhereATunableIsNoNumber) {
+  for (const char* name : {"v_h", "T_r", "C", "Z_d", "Z_r", "T_s", "a_r", "S_s"}) {
+    UnitSubject unit = monitor("robot=@slide.urdf&scene=@ball.sdf&separation=all");
+    unit.set("obstacle.p", Values{0, 90, 0});
+    unit.initialise();
+    EXPECT_EQ(unit.integer("zone"), 0);
+    unit.set(name, Values{name == std::string("S_s") ? INFINITY : NAN});
+    unit.step(1e-3);
+    EXPECT_EQ(unit.integer("zone"), 2) << name;
+  }
+}
+
 TEST_F(Separations, GoOnFromASnapshotOfAnyStepWithTheSameBits) {
-  const std::string query = "robot=@slide.urdf&scene=@comes.sdf&separation=true&obstacles=crate";
+  const std::string query = "robot=@slide.urdf&scene=@comes.sdf&separation=all&obstacles=crate";
   std::mt19937 random(11);
   const auto uniform = [&](double low, double high) { return std::uniform_real_distribution<double>(low, high)(random); };
   UnitSubject one = monitor(query), other = monitor(query);
@@ -292,7 +320,7 @@ TEST_F(Separations, RefuseObstaclesThatAreNone) {
   EXPECT_THAT(error_of([&] { monitor("robot=@slide.urdf&scene=@crate.sdf&obstacles=crat"); }),
               HasSubstr("obstacles=crat: 'crat' is no body of scene 'w'"));
   EXPECT_THAT(error_of([&] { monitor("robot=@slide.urdf&scene=@ball.sdf&obstacles=obstacle"); }),
-              HasSubstr("'obstacle' moves by itself, expected a static body"));
+              HasSubstr("'obstacle' moves by itself, expected static bodies"));
   UnitSubject unit = monitor("robot=@slide.urdf&scene=@crate.sdf&obstacles=crate,,crate");
   unit.initialise();
   for (const double scale : {0.0, -1.0, 1e3, std::nan("")}) {
