@@ -154,6 +154,7 @@ const std::map<std::string, std::vector<std::string>> kRooms = {
       "distance",
       "trajectory",
       "trajectory/series",
+      "clearance",
       "control",
       "energetics",
       "optimisation",

@@ -1,0 +1,64 @@
+#pragma once
+#include <Eigen/Core>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "models/scene/cell.h"
+#include "models/trajectory/trajectory.h"
+
+/// Whether a robot keeps clear of others and of what stands around it while it moves.
+namespace cotwin::clearance {
+
+/// A robot at its place.
+struct Stand {
+  scene::PlacedRobot robot;
+  Pose X_WB;
+};
+
+/// What a robot does: it follows `path`, or, where that has no joints, rests at q (n, rad or m).
+struct Motion {
+  trajectory::Path path;
+  std::vector<double> q;
+};
+
+struct Options {
+  double clearance = 0;             // m: less than this is no longer clear
+  bool self = false;                // links of the robot that are no neighbours count, too, without clearance
+  std::vector<std::string> ignore;  // pairs of names, "link_5:table", "left/link_3:right/link_4"
+};
+
+/// A place of the motion, seen from the robot.
+struct Nearest {
+  double t = 0, d = scene::kInfinity;  // s, m; negative: they overlap; infinity: there is nothing to meet
+  std::string link, other;             // names of the parts
+  Eigen::Vector3d p_link, p_other;     // the nearest points, in W
+};
+
+struct Verdict {
+  bool clear = true;
+  /// Not clear: the first time; d is below the clearance, or above it by less than 1 µm. Clear: the least distance, to 0.1 mm or 0.1 %.
+  Nearest nearest;
+};
+
+/// Answers for one robot, the first, among others that move or stand, and a scene whose bodies all stand.
+///
+/// Between two instants a distance changes by at most the way of the points of the pair, which the joints' speeds and levers bound; an interval is
+/// halved until that says enough (Piyavskii 1972). So nothing is passed, however thin it is.
+class Checker {
+ public:
+  /// Throws Error for a robot without shapes, shapes whose distance is not measured, and unknown names in `ignore`.
+  Checker(const scene::Scene& scene, std::vector<Stand> robots, const Options& options);
+  ~Checker();
+  /// What should be told beside the verdict: bodies that move in the scene and stand here, links without shapes.
+  const std::vector<std::string>& notes() const;
+  /// `motions`: of all robots, in their order; that of the first one says from when to when.
+  Verdict check(std::span<const Motion> motions);
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace cotwin::clearance
