@@ -7,6 +7,7 @@
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
 #include "models/robot/urdf/urdf.h"
+#include "models/scene/sdf/sdf.h"
 
 namespace cotwin::services {
 
@@ -100,12 +101,32 @@ std::vector<fs::path> Robots::files_of(const std::string& name) const {
   return files;
 }
 
-fs::path Robots::urdf_of(const std::string& name) const {
-  if ((paths_ || name == fallback_) && is_file(name)) return name;
-  const bool plain = !name.empty() && name.size() <= 100 && name.front() != '.' && std::ranges::all_of(name, [](char c) {
+namespace {
+
+/// A name that leads out of no folder.
+bool is_plain(const std::string& name) {
+  return !name.empty() && name.size() <= 100 && name.front() != '.' && std::ranges::all_of(name, [](char c) {
     return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' || c == '-' || c == '.';
   });
-  if (!plain) throw Error("robot", "is not a name of letters, digits, '_', '-' and '.', expected one of the known robots");
+}
+
+}  // namespace
+
+scene::Scene Robots::scene(const std::string& name, std::vector<std::string>& notes) const {
+  if (paths_ && is_file(name)) return scene::load(name, &notes);
+  if (!is_plain(name))
+    throw Error("scene", "is not a name of letters, digits, '_', '-' and '.', expected one of the known scenes");
+  for (const fs::path& folder : folders_)
+    for (const fs::path& file : {folder / "../scenes" / name / "scene.sdf", folder / "../scenes" / (name + ".sdf")})
+      if (is_file(file)) return scene::load(file, &notes);
+  throw Error("scene", "'" + name + "' is unknown, expected scenes/" + name + "/scene.sdf or scenes/" + name +
+                           ".sdf beside a folder with robots" + (paths_ ? ", or a path to an SDF file" : ""));
+}
+
+fs::path Robots::urdf_of(const std::string& name) const {
+  if ((paths_ || name == fallback_) && is_file(name)) return name;
+  if (!is_plain(name))
+    throw Error("robot", "is not a name of letters, digits, '_', '-' and '.', expected one of the known robots");
   for (const fs::path& folder : folders_)
     for (const fs::path& file : {folder / name / "robot.urdf", folder / (name + ".urdf")})
       if (is_file(file)) return file;

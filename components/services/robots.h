@@ -12,6 +12,7 @@
 #include "models/robot/body_parts.h"
 #include "models/robot/drives/drive_parameters.h"
 #include "models/robot/robot_model.h"
+#include "models/scene/scene.h"
 
 namespace cotwin::services {
 
@@ -65,6 +66,9 @@ class Robots {
   /// All files that answers about a robot depend on, whether they are there or not: its URDF, kDataFiles beside it, and the table of
   /// body parts if there is one. Throws as find does.
   std::vector<std::filesystem::path> files_of(const std::string& name) const;
+  /// The scene NAME: scenes/NAME/scene.sdf or scenes/NAME.sdf beside one of the folders; a path to an SDF file, if paths are allowed. `notes`: what
+  /// its reader warned of. Throws Error.
+  scene::Scene scene(const std::string& name, std::vector<std::string>& notes) const;
   /// All names in the folders, sorted.
   std::vector<std::string> names() const;
   const std::string& fallback() const { return fallback_; }

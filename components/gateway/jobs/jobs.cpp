@@ -144,8 +144,10 @@ JobReply Jobs::store(const JobOrder& order, const StoreOptions& options) {
   } catch (const Error& error) {
     return invalid(error.what());
   }
+  JobOrder stored = order;
+  stored.reuse = order.reuse && !request.reads_more;
   JobReply reply = impl_->change(order.id, [&] {
-    JobStore::Insertion insertion = impl_->core.store.insert(order, request, options, origin, impl_->core.now());
+    JobStore::Insertion insertion = impl_->core.store.insert(stored, request, options, origin, impl_->core.now());
     if (insertion.job) impl_->core.publish(JobChange::Kind::kState, *insertion.job);
     return insertion.reply;
   });
@@ -179,6 +181,7 @@ JobReply Jobs::update(const JobOrder& order, std::optional<std::int64_t> version
       return refused(kInvalidRequest, "the deadline " + to_text(*order.deadline) + " has passed: it is " + to_text(now));
     job->order = order;
     job->order.request = request.text;
+    job->order.reuse = order.reuse && !request.reads_more;
     job->request_hash = request.hash;
     job->service = request.service;
     job->robot = request.robot;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "components/services/json/clear_json.h"
 #include "models/foundation/support/text.h"
 
 namespace cotwin::services {
@@ -64,6 +65,7 @@ Json answer_feasibility(const Robot& robot, Reader& r, const Context& context) {
   const Move m = read_move(robot, r, true);
   const Detail detail = read_detail(r);
   const std::size_t samples = read_samples(r);
+  std::optional<ClearOf> clear = ClearOf::read(robot, r, context);
   if (!r.finish(context)) return {};
   const Plan p = plan(robot.model, m);
   const optimisation::Solution& s = p.solution;
@@ -72,6 +74,7 @@ Json answer_feasibility(const Robot& robot, Reader& r, const Context& context) {
              {"reason", s.reason},
              {"T_s", none ? Json(nullptr) : Json(s.T)},
              {"limiting", limiting_of(robot.model, s.peaks)}};
+  if (clear && !none) (void)clear->judge(s.path, reply);
   add_notes(reply, p.notes);
   if (detail >= Detail::kMargins) reply["joints"] = peaks_of(robot.model, s.peaks);
   if (detail >= Detail::kSeries && !none)
@@ -89,16 +92,21 @@ Json answer_cycle_time(const Robot& robot, Reader& r, const Context& context) {
   const Move m = read_move(robot, r, false);
   const Detail detail = read_detail(r);
   const double process = r.not_negative("T_process_s", 0);
+  std::optional<ClearOf> clear = ClearOf::read(robot, r, context);
   if (!r.finish(context)) return {};
   const Plan p = plan(robot.model, m);
-  const bool possible = feasible(p);
+  Json verdict{{"feasible", feasible(p)}, {"reason", p.solution.reason}};
+  if (clear && feasible(p)) (void)clear->judge(p.solution.path, verdict);
+  const bool possible = verdict["feasible"] == true;
   const double T = p.solution.T;
   Json reply{{"feasible", possible},
-             {"reason", p.solution.reason},
+             {"reason", verdict["reason"]},
              {"T_s", possible ? Json(T) : Json(nullptr)},
              {"T_cycle_s", possible ? Json(T + process) : Json(nullptr)},
              {"moves_per_hour", possible ? Json(3600 / (T + process)) : Json(nullptr)},
              {"limiting", limiting_of(robot.model, p.solution.peaks)}};
+  if (verdict.contains("clear_of")) reply["clear_of"] = verdict["clear_of"];
+  add_notes(reply, verdict.value("notes", std::vector<std::string>{}));
   add_notes(reply, p.notes);
   if (detail >= Detail::kMargins) reply["joints"] = peaks_of(robot.model, p.solution.peaks);
   if (detail >= Detail::kSeries && possible)

@@ -1,5 +1,6 @@
 #pragma once
 #include "components/services/json/move_json.h"
+#include "components/services/verification.h"
 
 /// The services, for json.cpp. Each reads its members, with their types, ranges, defaults and descriptions, up to Reader::finish(),
 /// and then computes the reply. With a reader that describes, or a context that says only_read, it only reads, and returns null; a
@@ -22,5 +23,12 @@ Json answer_reaction(const Robot&, Reader&, const Context&);
 Json answer_reactionless(const Robot&, Reader&, const Context&);
 Json answer_optimise(const Robot&, Reader&, const Context&);
 Json answer_verify(const Robot&, Reader&, const Context&);
+
+/// The members settle_s and tracking_max of a verification, for the services verify and optimise; the joints are rigid with drives = none.
+VerificationOptions read_verification(const Robot& robot, Reader& r);
+/// Runs the move in the twin of `context` and tells the result, with its notes as the member "notes". Throws RequestError if there is no
+/// twin.
+Json verification_json(const Robot& robot, const Move& move, double T, const VerificationOptions& options,
+                       const Context& context, Detail detail);
 
 }  // namespace cotwin::services

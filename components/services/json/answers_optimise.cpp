@@ -1,15 +1,18 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <functional>
+#include <iterator>
+#include <map>
 #include <memory>
 #include <optional>
 
 #include "components/services/energy_service.h"
 #include "components/services/json/answers.h"
+#include "components/services/json/clear_json.h"
 #include "components/services/json/compliance_json.h"
 #include "components/services/json/contact_json.h"
 #include "components/services/json/end_pose_json.h"
-#include "components/services/json/verify_json.h"
 #include "models/foundation/support/text.h"
 #include "models/optimisation/particle_table.h"
 
@@ -244,6 +247,58 @@ void refuse_unused(const Robot& robot, Reader& r, const std::string& rule, bool 
     r.only_if(verify, name.c_str(), "verify");
 }
 
+/// The cheapest motions within the bounds that a search tried, for one that touches nothing.
+class Candidates {
+ public:
+  explicit Candidates(const Problem& problem) : problem_(problem) {}
+  std::function<bool(const optimisation::Round&)> on_round(std::function<bool(const optimisation::Round&)> further) {
+    return [this, further = std::move(further)](const optimisation::Round& round) {
+      for (const auto& particle : round.particles)
+        if (particle.feasible()) add(particle);
+      return !further || further(round);
+    };
+  }
+  const std::multimap<double, optimisation::Round::Particle>& best() const { return best_; }
+
+ private:
+  void add(const optimisation::Round::Particle& particle) {
+    constexpr std::size_t kMost = 500;
+    double cost = 0;
+    for (std::size_t i = 0; i < problem_.costs.size(); ++i) cost += problem_.costs[i].weight * particle.costs[i];
+    if (!std::isfinite(cost) || (best_.size() == kMost && cost >= std::prev(best_.end())->first)) return;
+    best_.emplace(cost, particle);
+    if (best_.size() > kMost) best_.erase(std::prev(best_.end()));
+  }
+  const Problem& problem_;
+  std::multimap<double, optimisation::Round::Particle> best_;
+};
+
+/// Replaces a motion that is not clear by the cheapest clear one of the candidates, if there is one. Returns what to tell.
+std::string make_clear(ClearOf& clear, const Problem& p, const Candidates& candidates, Solution& s) {
+  const clearance::Verdict verdict = clear.check(s.path);
+  if (verdict.clear) return "";
+  int touching = 1;
+  for (const auto& [cost, particle] : candidates.best()) {
+    Solution other = optimisation::assess(p, particle.c, particle.q_to, particle.T, particle.compliance);
+    if (other.status != Status::kFeasible) continue;
+    if (!clear.check(other.path).clear) {
+      ++touching;
+      continue;
+    }
+    other.history = s.history;
+    other.evaluations = s.evaluations;
+    other.pruned = s.pruned;
+    other.complete = s.complete;
+    s = std::move(other);
+    return std::to_string(touching) +
+           " cheaper motions that were found are not clear (the cheapest one: " + clear.reason(verdict) +
+           "); this one was not refined";
+  }
+  s.status = Status::kInfeasible;
+  s.reason = clear.reason(verdict);
+  return "none of the " + std::to_string(touching) + " cheapest motions that were found is clear";
+}
+
 Json front_of(const Robot& robot, const Move& m, const Problem& p, const std::vector<optimisation::Round::Particle>& particles,
               bool complete, Detail detail) {
   Json front = Json::array();
@@ -297,7 +352,9 @@ Json answer_optimise(const Robot& robot, Reader& r, const Context& context) {
     throw RequestError("/cost", "is cycle_time or stiffness, but no compliance is searched, expected compliance with axes");
   read_contact(robot, r, p);
   refuse_unused(robot, r, rule, verify);
+  std::optional<ClearOf> clear = ClearOf::read(robot, r, context);
   if (r.describes()) return {};
+  if (clear && lexicographic) throw RequestError("/rule", "is lexicographic beside clear_of, expected weighted or pareto");
   const JointUnits units(robot.model);
   if (!m.c.empty())
     throw RequestError("/" + units.name("c_r", 0), "is given, expected it only for a move that is not optimised");
@@ -318,14 +375,23 @@ Json answer_optimise(const Robot& robot, Reader& r, const Context& context) {
   Progress progress(context, searches * options.rounds, options.refine || verify ? 0.9 : 1);
   options.on_round = progress.on_round();
   std::optional<optimisation::ParticleTable> table;
+  Candidates candidates(p);
+  if (clear && !pareto) options.on_round = candidates.on_round(options.on_round);
   if (context.particles) options.on_round = table.emplace(*context.particles, p).on_round(options.on_round);
 
   if (pareto) {
     bool complete = true;
-    const auto particles = end ? optimisation::pareto_front_to_pose(p, directions, *end->kinematics, end->target, options,
-                                                                    context.threads, &complete)
-                               : optimisation::pareto_front(p, directions, options, context.threads, &complete);
+    auto particles = end ? optimisation::pareto_front_to_pose(p, directions, *end->kinematics, end->target, options,
+                                                              context.threads, &complete)
+                         : optimisation::pareto_front(p, directions, options, context.threads, &complete);
     progress.finish();
+    if (clear) {
+      const std::size_t touching = std::erase_if(particles, [&](const optimisation::Round::Particle& one) {
+        return !clear->check(optimisation::assess(p, one.c, one.q_to, one.T, one.compliance).path).clear;
+      });
+      if (touching > 0)
+        notes.push_back(std::to_string(touching) + " motions of the front are left out, because they are not clear");
+    }
     Json reply = front_of(robot, m, p, particles, complete, detail);
     add_notes(reply, notes);
     return reply;
@@ -338,8 +404,14 @@ Json answer_optimise(const Robot& robot, Reader& r, const Context& context) {
                : end                ? optimisation::minimise_to_pose(p, *end->kinematics, end->target, options, context.threads)
                                     : optimisation::minimise(p, options, context.threads);
   options.limit -= std::chrono::duration<double>(std::chrono::steady_clock::now() - begun).count();
-  const Solution quintic = quintic_of(p, s, lexicographic ? std::optional(tolerance) : std::nullopt, options);
+  std::string dropped;
+  if (clear) dropped = make_clear(*clear, p, candidates, s);
+  Solution quintic = quintic_of(p, s, lexicographic ? std::optional(tolerance) : std::nullopt, options);
   const std::uint64_t evaluations = s.evaluations + quintic.evaluations;
+  if (const std::string touches = clear ? clear->reason(clear->check(quintic.path)) : ""; !touches.empty()) {
+    quintic.status = Status::kInfeasible;
+    quintic.reason = touches;
+  }
   const bool quintic_is_better =
       quintic.status == Status::kFeasible && (s.status != Status::kFeasible || (!lexicographic && quintic.cost < s.cost));
   if (quintic_is_better) {  // where the search had no time to find it
@@ -368,6 +440,8 @@ Json answer_optimise(const Robot& robot, Reader& r, const Context& context) {
              {"saved_shares", shares_of(p, s, quintic)},
              {"limiting", limiting_of(robot.model, s.peaks)},
              {"motion", motion_of(robot, found, s.T)}};
+  if (clear) (void)clear->judge(s.path, reply);
+  if (!dropped.empty()) notes.push_back(dropped);
   add_notes(reply, notes);
   if (p.T_min < p.T_max)
     if (const std::string note = creeping(p, s); !note.empty()) add_notes(reply, {note});

@@ -67,39 +67,6 @@ robot::RobotModel floating(const Robot& robot, Reader& r) {
   return model;
 }
 
-/// {"t_s": […], "q_rad": [[…], …]}, one row per time.
-trajectory::Series read_series(const Robot& robot, Reader& r) {
-  const std::string q = JointUnits(robot.model).name("q", 0);
-  trajectory::Series s;
-  s.width = robot.model.joints.size();
-  if (r.describes()) {
-    r.declare("t_s", schemas::kNumbers, true, "increasing");
-    r.declare("q_rad", schemas::array_of(schemas::kNumbers), false, "a posture per time");
-    r.declare("q", schemas::array_of(schemas::kNumbers), false, "the same of a robot with prismatic joints, those in m");
-    return s;
-  }
-  s.t = r.numbers("t_s");
-  const Json* const rows = r.any(q.c_str());
-  if (!rows || !rows->is_array() || rows->size() != s.t.size() || s.t.size() < 2 || s.t.size() > kMostSamples)
-    throw RequestError(r.pointer(q.c_str()), std::string(rows ? "is no array of " : "is missing, expected ") +
-                                                 std::to_string(s.t.size()) + " postures, one per time (2 to 100000)");
-  for (std::size_t i = 0; i < s.t.size(); ++i) {
-    const std::string row = std::to_string(i);
-    if (i > 0 && !(s.t[i] - s.t[i - 1] >= kBriefest))
-      throw RequestError(r.pointer("t_s") + "/" + row, "is " + text::to_text(s.t[i]) + " after " + text::to_text(s.t[i - 1]) +
-                                                           ", expected at least 0.0001 s more");
-    const Json one{{row, (*rows)[i]}};
-    for (const double x : Reader(one, r.pointer(q.c_str())).vector(row.c_str(), s.width, false)) {
-      if (!(std::abs(x) <= 1e6))
-        throw RequestError(r.pointer(q.c_str()) + "/" + row + "/" + std::to_string(s.x.size() % s.width),
-                           "is " + text::to_text(x) + ", expected -1000000 to 1000000");
-      s.x.push_back(x);
-    }
-  }
-  r.finish();
-  return s;
-}
-
 Json array_of(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
 Json array_of(const Eigen::Quaterniond& q) { return {q.w(), q.x(), q.y(), q.z()}; }
 

@@ -2,7 +2,7 @@
 #include <cmath>
 
 #include "components/services/json/answers.h"
-#include "components/services/json/verify_json.h"
+#include "components/services/json/clear_json.h"
 
 namespace cotwin::services {
 
@@ -60,9 +60,11 @@ Json answer_verify(const Robot& robot, Reader& r, const Context& context) {
   const Move m = read_move(robot, r, true);
   const Detail detail = read_detail(r);
   const VerificationOptions options = read_verification(robot, r);
+  std::optional<ClearOf> clear = ClearOf::read(robot, r, context);
   if (!r.finish(context)) return {};
   const Plan p = plan_of(robot, m);
   Json reply = verification_json(robot, m, p.solution.T, options, context, detail);
+  if (clear) (void)clear->judge(p.solution.path, reply);
   add_notes(reply, p.notes);
   return reply;
 }

@@ -5,7 +5,7 @@
 
 #include "components/services/json/answers.h"
 #include "components/services/json/move_json.h"
-#include "components/services/json/schemas.h"
+#include "components/services/json/schema_parts.h"
 #include "models/foundation/support/text.h"
 
 namespace cotwin::services {
@@ -126,13 +126,16 @@ std::shared_ptr<const Robot> robot_of(Robots& robots, Reader& r) {
 std::string answer_object(Robots& robots, const Json& object, const Context& context) {
   Reader r(object);
   const std::shared_ptr<const Robot> robot = robot_of(robots, r);
-  return text_of(reply_to(*robot, r, context));
+  Context own = context;
+  own.robots = &robots;
+  return text_of(reply_to(*robot, r, own));
 }
 
 void check_object(Robots& robots, const Json& object) {
   Reader r(object);
   const std::shared_ptr<const Robot> robot = robot_of(robots, r);
   Context context;
+  context.robots = &robots;
   context.only_read = true;
   (void)reply_to(*robot, r, context);
 }

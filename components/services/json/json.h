@@ -36,8 +36,9 @@ struct Context {
   std::function<void(double share, const std::string& message)> progress = {};
   /// Receives the particles of an optimisation as CSV (optimisation::ParticleTable).
   std::ostream* particles = nullptr;
-  Verify verify = {};      // the twin, for the service verify; master/services/verify.h
-  bool only_read = false;  // the reply is null: the request is read and checked, and nothing is computed
+  Verify verify = {};        // the twin, for the service verify; master/services/verify.h
+  Robots* robots = nullptr;  // set for each request: for the robots and the scene of clear_of
+  bool only_read = false;    // the reply is null: the request is read and checked, and nothing is computed
 };
 
 /// The names of all services.

@@ -15,6 +15,7 @@ namespace {
 
 constexpr const char* kRevolute[] = {"rad", "rad_per_s", "rad_per_s2", "rad_per_s3", "Nm"};
 constexpr const char* kPrismatic[] = {"m", "m_per_s", "m_per_s2", "m_per_s3", "N"};
+constexpr std::size_t kMostTimes = 100000;  // of a motion in a request
 constexpr const char* kQuantities[] = {"q", "dq", "ddq", "dddq", "tau"};
 
 Json peak_json(const optimisation::Peak& p) {
@@ -259,6 +260,38 @@ Json motion_of(const Robot& robot, const Move& move, double T) {
     motion[units.name("c_r", 0)] = move.c.empty() ? zeros : move.c;
   }
   return motion;
+}
+
+trajectory::Series read_series(const Robot& robot, Reader& r) {
+  const std::string q = JointUnits(robot.model).name("q", 0);
+  trajectory::Series s;
+  s.width = robot.model.joints.size();
+  if (r.describes()) {
+    r.declare("t_s", schemas::kNumbers, true, "increasing");
+    r.declare("q_rad", schemas::array_of(schemas::kNumbers), false, "a posture per time");
+    r.declare("q", schemas::array_of(schemas::kNumbers), false, "the same of a robot with prismatic joints, those in m");
+    return s;
+  }
+  s.t = r.numbers("t_s");
+  const Json* const rows = r.any(q.c_str());
+  if (!rows || !rows->is_array() || rows->size() != s.t.size() || s.t.size() < 2 || s.t.size() > kMostTimes)
+    throw RequestError(r.pointer(q.c_str()), std::string(rows ? "is no array of " : "is missing, expected ") +
+                                                 std::to_string(s.t.size()) + " postures, one per time (2 to 100000)");
+  for (std::size_t i = 0; i < s.t.size(); ++i) {
+    const std::string row = std::to_string(i);
+    if (i > 0 && !(s.t[i] - s.t[i - 1] >= kBriefest))
+      throw RequestError(r.pointer("t_s") + "/" + row, "is " + text::to_text(s.t[i]) + " after " + text::to_text(s.t[i - 1]) +
+                                                           ", expected at least 0.0001 s more");
+    const Json one{{row, (*rows)[i]}};
+    for (const double x : Reader(one, r.pointer(q.c_str())).vector(row.c_str(), s.width, false)) {
+      if (!(std::abs(x) <= 1e6))
+        throw RequestError(r.pointer(q.c_str()) + "/" + row + "/" + std::to_string(s.x.size() % s.width),
+                           "is " + text::to_text(x) + ", expected -1000000 to 1000000");
+      s.x.push_back(x);
+    }
+  }
+  r.finish();
+  return s;
 }
 
 }  // namespace cotwin::services

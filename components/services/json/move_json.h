@@ -2,6 +2,7 @@
 #include "components/services/json/request.h"
 #include "components/services/robots.h"
 #include "components/services/services.h"
+#include "models/trajectory/series/series.h"
 
 /// Moves in requests and joints in replies, for the sources of this folder.
 namespace cotwin::services {
@@ -38,6 +39,8 @@ double read_duration(Reader& r);
 /// The members of a move. With `timed` T_s; else there is none. A reader that describes takes a robot without joints.
 Move read_move(const Robot& robot, Reader& r, bool timed);
 Detail read_detail(Reader& r);
+/// A motion of any kind, {"t_s": […], "q_rad": [[…], …]}, one row per time.
+trajectory::Series read_series(const Robot& robot, Reader& r);
 /// Adds texts to the member "notes" of a reply, which only exists where there are notes.
 void add_notes(Json& reply, const std::vector<std::string>& notes);
 /// The member "bus": "shared", "none" or "grid".

@@ -95,6 +95,22 @@ Json masses() {
       .must("speed_m_per_s", kNumbers);
 }
 
+Json clear_of() {
+  return Object()
+      .must("clear", kBoolean)
+      .must(
+          "nearest",
+          described(or_null(Object()
+                                .must("t_s", kNumber)
+                                .must("link", kText)
+                                .must("obstacle", kText)
+                                .must("distance_m", kNumber)
+                                .must("p_link_m", kNumbers)
+                                .must("p_obstacle_m", kNumbers)),
+                    "not clear: the first time, of a link and what it meets; clear: the least distance; null: there is nothing "
+                    "to meet"));
+}
+
 Json verified() {
   return Object()
       .must("feasible", kBoolean)
@@ -108,7 +124,8 @@ Json verified() {
       .must("drives", {{"type", "string"}, {"enum", {"elastic", "rigid"}}})
       .may("drawn_J", kNumber)
       .may("rigid_drawn_J", kNumber)
-      .may("joints", array_of(joint().like(kValueNames, kNumber).may("share", kNumber)));
+      .may("joints", array_of(joint().like(kValueNames, kNumber).may("share", kNumber)))
+      .may("clear_of", clear_of());
 }
 Json found_compliance() {
   Object o;

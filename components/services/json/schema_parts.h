@@ -85,8 +85,16 @@ Json extreme();
 Json base_at();
 Json place();
 Json masses();
+Json clear_of();
 Json verified();
 Json found_compliance();
 Json costs();
 
 }  // namespace cotwin::services::schemas
+
+namespace cotwin::services {
+
+/// The JSON Schema (2020-12) of the reply of a service, one of service_names().
+nlohmann::ordered_json reply_schema(const std::string& service);
+
+}  // namespace cotwin::services

@@ -1,5 +1,3 @@
-#include "components/services/json/schemas.h"
-
 #include <algorithm>
 #include <string>
 #include <utility>
@@ -26,6 +24,7 @@ const std::pair<const char*, Json (*)()> kReplies[] = {
            .may("torque_squared_integral", kNumber)
            .may("work_J", kNumber)
            .may("shared_work_J", kNumber)
+           .may("clear_of", clear_of())
            .may("motion", motion());
      }},
     {"cycle_time",
@@ -39,6 +38,7 @@ const std::pair<const char*, Json (*)()> kReplies[] = {
            .must("limiting", limiting())
            .may("joints", peaks())
            .may("series", series())
+           .may("clear_of", clear_of())
            .may("motion", motion());
      }},
     {"energy",
@@ -194,7 +194,10 @@ const std::pair<const char*, Json (*)()> kReplies[] = {
        for (const char* name : kCosts) shares.may(name, kNumberOrNull);
        o.may("saved_share", kNumberOrNull).may("saved_shares", shares).may("limiting", limiting()).may("motion", motion());
        o.may("evaluations", {{"type", "integer"}}).may("pruned", {{"type", "integer"}}).may("joints", peaks());
-       o.may("history", kNumbers).may("verification", verified()).may("compliance", found_compliance());
+       o.may("clear_of", clear_of())
+           .may("history", kNumbers)
+           .may("verification", verified())
+           .may("compliance", found_compliance());
        o.may("front", array_of(Object()
                                    .must("T_s", kNumber)
                                    .must("costs", costs())

@@ -121,6 +121,16 @@ TEST(ServiceSchemas, FitEveryReplyAtEveryLevelOfDetailAndEveryRequest) {
     for (const char* detail : {"verdict", "margins", "series", "all"}) {
       json request = lwr_move(service);
       request["detail"] = detail;
+      if (service == "feasibility" || service == "cycle_time" || service == "verify" || service == "optimise")
+        request["clear_of"] = {
+            {"scene", "table"},
+            {"clearance_m", 0.01},
+            {"self", true},
+            {"ignore", {"link_1:table"}},
+            {"base", {{"p_m", {0, 0, 0.4}}}},
+            {"robots",
+             {{{"robot", "planar2"}, {"name", "post"}, {"base", {{"p_m", {2, 0, 0}}}}, {"q_rad", {0, 0}}},
+              {{"robot", "planar2"}, {"series", {{"t_s", {0, 1, 2}}, {"q_rad", {{0, 0}, {0.1, 0}, {0, 0}}}}}}}}};
       if (service == "energy") request.update({{"best", true}, {"cycle_s", 6}, {"price_per_kWh", 0.3}});
       EXPECT_EQ(misfit(both["request"], request), "") << request;
       const std::string reply_text = answer(robots, request.dump(), context);

@@ -1,0 +1,178 @@
+#include "components/services/json/clear_json.h"
+
+#include <Eigen/Geometry>
+#include <cmath>
+#include <set>
+#include <utility>
+
+#include "models/foundation/support/text.h"
+#include "models/scene/urdf/urdf_shapes.h"
+
+namespace cotwin::services {
+
+namespace {
+
+constexpr std::size_t kMostRobots = 20;
+
+/// {"p_m", "quaternion_wxyz"}
+Pose read_base(Reader& r, const char* what) {
+  const auto read = [](Reader& own) {
+    Pose X_WB;
+    const std::vector<double> p = own.vector("p_m", 3, true, "in the scene; without it 0");
+    const std::vector<double> Q = own.vector("quaternion_wxyz", 4, true, "without it not turned");
+    if (!p.empty()) X_WB.p = {p[0], p[1], p[2]};
+    if (Q.empty()) return X_WB;
+    const Eigen::Quaterniond turned(Q[0], Q[1], Q[2], Q[3]);
+    if (!(std::abs(turned.norm() - 1) < 1e-3))
+      throw RequestError(own.pointer("quaternion_wxyz"), "has the length " + text::to_text(turned.norm()) + ", expected 1");
+    X_WB.R = turned.normalized().toRotationMatrix();
+    return X_WB;
+  };
+  r.declare("base", Reader::schema_of([&](Reader& own) { (void)read(own); }), false, what);
+  const Json* const given = r.any("base");
+  if (!given) return {};
+  Reader own(*given, r.pointer("base"));
+  const Pose X_WB = read(own);
+  own.finish();
+  return X_WB;
+}
+
+clearance::Stand stand_of(const Robot& robot, std::string name, const Pose& X_WB, std::vector<std::string>& notes) {
+  clearance::Stand stand{{std::move(name), robot.model, {}}, X_WB};
+  if (robot.urdf.empty())
+    stand.robot.shapes.resize(robot.model.bodies.size() + 1);
+  else
+    stand.robot.shapes = scene::hulls_of_urdf(robot.urdf, robot.model, &notes);
+  return stand;
+}
+
+/// One of the other robots: where it stands, and its posture or motion.
+std::pair<std::string, clearance::Motion> read_other(const Robot& robot, Reader& r, Pose& X_WB) {
+  std::string name = r.text("name", robot.name, "in names of links, name/link; without it that of the robot");
+  X_WB = read_base(r, "where its base stands");
+  clearance::Motion motion;
+  r.declare("series", Reader::schema_of([&](Reader& own) { (void)read_series(robot, own); }), false,
+            "its motion; t_s counts from the beginning of the move");
+  if (const Json* const given = r.any("series")) {
+    Reader series(*given, r.pointer("series"));
+    motion.path = trajectory::interpolate(read_series(robot, series));
+  }
+  motion.q =
+      JointUnits(robot.model).read(r, "q", 0, r.describes() || motion.path.joints() > 0, "posture, in place of a motion");
+  if (!motion.q.empty() && motion.path.joints() > 0)
+    throw RequestError(r.pointer("series"), "is given beside a posture, expected one of them");
+  if (!r.describes() && motion.path.joints() == 0 && motion.q.size() != robot.model.joints.size())
+    throw RequestError(r.pointer(JointUnits(robot.model).name("q", 0).c_str()),
+                       "has " + std::to_string(motion.q.size()) + " values, expected " +
+                           std::to_string(robot.model.joints.size()) + ", one per joint");
+  return {std::move(name), std::move(motion)};
+}
+
+}  // namespace
+
+std::optional<ClearOf> ClearOf::read(const Robot& robot, Reader& r, const Context& context) {
+  std::vector<clearance::Stand> stands;
+  clearance::Options options;
+  std::vector<std::pair<std::string, clearance::Motion>> others;
+  ClearOf clear;
+  const auto read = [&](Reader& own) {
+    const std::string scene = own.text("scene", "", "name of a scene: scenes/NAME/scene.sdf beside the folder with robots");
+    options.clearance = clear.clearance_ = own.not_negative("clearance_m", 0, "less than this is not clear");
+    options.self = own.boolean("self", false, "links of the robot that are no neighbours must not touch, either");
+    options.ignore = own.texts("ignore", {}, "pairs of links and bodies that do not count: link_5:table");
+    const Pose X_WB = read_base(own, "where the base of the robot stands");
+    own.declare("robots", schemas::array_of(Reader::schema_of([](Reader& other) {
+                  other.declare("robot", schemas::kText, true, "name of a robot");
+                  Pose unused;
+                  (void)read_other({}, other, unused);
+                })),
+                false, "other robots");
+    const Json* const robots = own.any("robots");
+    if (own.describes()) return;
+    if (scene.empty() && !robots && !options.self)
+      throw RequestError(own.pointer("scene"), "is missing, and there are no robots and no self, expected one of them");
+    scene::Scene bodies;
+    try {
+      if (!scene.empty()) bodies = context.robots->scene(scene, clear.notes_);
+    } catch (const Error& error) {
+      throw RequestError(own.pointer("scene"), error.what());
+    }
+    stands.push_back(stand_of(robot, "", X_WB, clear.notes_));
+    clear.motions_.resize(1);
+    if (robots && (!robots->is_array() || robots->size() > kMostRobots))
+      throw RequestError(own.pointer("robots"), "is no array of at most " + std::to_string(kMostRobots) + " robots");
+    std::set<std::string> names;
+    for (std::size_t k = 0; robots && k < robots->size(); ++k) {
+      Reader other((*robots)[k], own.pointer("robots") + "/" + std::to_string(k));
+      std::shared_ptr<const Robot> found;
+      try {
+        found = context.robots->find(other.text("robot"));
+      } catch (const RequestError&) {
+        throw;
+      } catch (const Error& error) {
+        throw RequestError(other.pointer("robot"), error.what());
+      }
+      Pose place;
+      auto [name, motion] = read_other(*found, other, place);
+      other.finish();
+      if (!names.insert(name).second)
+        throw RequestError(other.pointer("name"), "'" + name + "' is there twice, expected a name for each robot");
+      stands.push_back(stand_of(*found, name, place, clear.notes_));
+      clear.motions_.push_back(std::move(motion));
+    }
+    own.finish();
+    try {
+      clear.checker_ = std::make_unique<clearance::Checker>(bodies, std::move(stands), options);
+    } catch (const Error& error) {
+      throw RequestError(r.pointer("clear_of"), error.what());
+    }
+    const std::vector<std::string>& notes = clear.checker_->notes();
+    clear.notes_.insert(clear.notes_.end(), notes.begin(), notes.end());
+  };
+  r.declare("clear_of", Reader::schema_of(read), false, "what the motion keeps clear of");
+  const Json* const given = r.any("clear_of");
+  if (!given) return {};
+  Reader own(*given, r.pointer("clear_of"));
+  read(own);
+  return clear;
+}
+
+clearance::Verdict ClearOf::check(const trajectory::Path& path) {
+  motions_.front().path = path;
+  return checker_->check(motions_);
+}
+
+std::string ClearOf::reason(const clearance::Verdict& verdict) const {
+  if (verdict.clear) return "";
+  const clearance::Nearest& n = verdict.nearest;
+  const bool meets = clearance_ == 0 || n.d < 0;
+  return n.link + (meets ? " meets " : " comes nearer than " + text::to_text(clearance_) + " m to ") + n.other + " at " +
+         text::to_text(n.t, 4) + " s";
+}
+
+Json ClearOf::json(const clearance::Verdict& verdict, Json& reply) const {
+  const clearance::Nearest& n = verdict.nearest;
+  Json nearest;
+  const auto point = [](const Eigen::Vector3d& p) { return Json{p.x(), p.y(), p.z()}; };
+  if (std::isfinite(n.d))
+    nearest = {{"t_s", n.t},
+               {"link", n.link},
+               {"obstacle", n.other},
+               {"distance_m", n.d},
+               {"p_link_m", point(n.p_link)},
+               {"p_obstacle_m", point(n.p_other)}};
+  add_notes(reply, notes_);
+  return {{"clear", verdict.clear}, {"nearest", nearest}};
+}
+
+bool ClearOf::judge(const trajectory::Path& path, Json& reply) {
+  const clearance::Verdict verdict = check(path);
+  if (!verdict.clear && reply["feasible"] == true) {
+    reply["feasible"] = false;
+    reply["reason"] = reason(verdict);
+  }
+  reply["clear_of"] = json(verdict, reply);
+  return verdict.clear;
+}
+
+}  // namespace cotwin::services

@@ -1,0 +1,31 @@
+#pragma once
+#include <memory>
+#include <optional>
+
+#include "components/services/json/move_json.h"
+#include "models/clearance/clearance.h"
+
+/// The member clear_of of requests and replies, for the sources of this folder.
+namespace cotwin::services {
+
+/// What a motion of the robot is to keep clear of: a scene, other robots, itself.
+class ClearOf {
+ public:
+  /// Nothing if it is not given. Throws RequestError.
+  static std::optional<ClearOf> read(const Robot& robot, Reader& r, const Context& context);
+  clearance::Verdict check(const trajectory::Path& path);
+  /// The member of the reply; also adds the notes.
+  Json json(const clearance::Verdict& verdict, Json& reply) const;
+  /// "link_5 meets box at 0.83 s"; "" for a motion that is clear.
+  std::string reason(const clearance::Verdict& verdict) const;
+  /// Both for a motion: true if it is clear, else the reply is infeasible.
+  bool judge(const trajectory::Path& path, Json& reply);
+
+ private:
+  double clearance_ = 0;
+  std::unique_ptr<clearance::Checker> checker_;
+  std::vector<clearance::Motion> motions_;  // that of the robot first
+  std::vector<std::string> notes_;
+};
+
+}  // namespace cotwin::services

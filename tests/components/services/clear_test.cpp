@@ -1,0 +1,191 @@
+// clear_of: what a motion meets, and motions that are found around it.
+#include <gmock/gmock-matchers.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <filesystem>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include "components/services/json/json.h"
+#include "components/services/services.h"
+#include "models/robot/frame_kinematics.h"
+#include "tests/support/error_of.h"
+#include "tests/support/files.h"
+#include "tests/support/places.h"
+
+namespace cotwin::services::clear_test {
+namespace {
+
+using cotwin::testing::error_of;
+using nlohmann::json;
+using ::testing::HasSubstr;
+
+class ClearOfScenes : public ::testing::Test {
+ protected:
+  ClearOfScenes() {
+    const auto model = [](const std::string& name, const std::string& pose, const std::string& size) {
+      return "<model name=\"" + name + "\"><static>true</static><pose>" + pose + "</pose><link name=\"" + name +
+             "\"><collision name=\"c\"><geometry><box><size>" + size + "</size></box></geometry></collision></link></model>";
+    };
+    folder_.write("scenes/post.sdf", "<sdf version=\"1.11\"><world name=\"w\">" +
+                                         model("post", "0.62 0.42 0.2 0 0 0", "0.1 0.1 1.2") + "</world></sdf>");
+    folder_.write("scenes/empty.sdf", "<sdf version=\"1.11\"><world name=\"w\"/></sdf>");
+    std::filesystem::create_directories(folder_ / "robots");
+  }
+  cotwin::testing::TemporaryFolder folder_{"clear"};
+  /// As a server has it: scenes by name.
+  Robots robots_{{places::source() + "/models/robots", (folder_ / "robots").string()}};
+  json ask(const json& change, const std::string& service = "feasibility") {
+    json request{{"service", service},
+                 {"robot", "lwr4"},
+                 {"from_q_rad", {0, -1.2, 0, 0.9, 0, -0.3, 0}},
+                 {"to_q_rad", {1.2, -1.2, 0, 0.9, 0, -0.3, 0}},
+                 {"detail", "all"}};
+    if (service == "feasibility") request["T_s"] = 2;
+    request.update(change);
+    return json::parse(answer(robots_, request.dump()));
+  }
+  std::string refusal(const json& clear_of) {
+    return error_of([&] { ask({{"clear_of", clear_of}}); });
+  }
+};
+
+TEST_F(ClearOfScenes, TellTheFirstTimeALinkAndThePoints) {
+  const json free = ask({{"clear_of", {{"scene", "empty"}}}});
+  EXPECT_EQ(free["feasible"], true);
+  EXPECT_EQ(free["clear_of"]["clear"], true);
+  EXPECT_TRUE(free["clear_of"]["nearest"].is_null());
+
+  const json met = ask({{"clear_of", {{"scene", "post"}}}});
+  EXPECT_EQ(met["feasible"], false);
+  const json nearest = met["clear_of"]["nearest"];
+  EXPECT_EQ(nearest["obstacle"], "post");
+  EXPECT_GT(nearest["t_s"], 0.2);
+  EXPECT_LT(nearest["t_s"], 1);
+  EXPECT_NEAR(nearest["distance_m"].get<double>(), 0, 2e-6);
+  EXPECT_EQ(met["reason"].get<std::string>().find(nearest["link"].get<std::string>() + " meets post at 0."), 0u)
+      << met["reason"];
+
+  // With a clearance earlier; the same way in twice the time at twice the time.
+  const json earlier = ask({{"clear_of", {{"scene", "post"}, {"clearance_m", 0.1}}}});
+  EXPECT_LT(earlier["clear_of"]["nearest"]["t_s"], nearest["t_s"]);
+  EXPECT_THAT(earlier["reason"].get<std::string>(), HasSubstr("comes nearer than 0.1 m to post"));
+  const json slower = ask({{"T_s", 4}, {"clear_of", {{"scene", "post"}}}});
+  EXPECT_NEAR(slower["clear_of"]["nearest"]["t_s"].get<double>(), 2 * nearest["t_s"].get<double>(), 1e-4);
+  const json shortest = ask({{"clear_of", {{"scene", "post"}}}}, "cycle_time");
+  EXPECT_TRUE(shortest["T_s"].is_null());
+  EXPECT_EQ(shortest["clear_of"]["clear"], false);
+
+  // From below the post, or with the base elsewhere, it is clear.
+  EXPECT_EQ(ask({{"clear_of", {{"scene", "post"}, {"base", {{"p_m", {0, -1, 0}}}}}}})["clear_of"]["clear"], true);
+  const json turned =
+      ask({{"clear_of", {{"scene", "post"}, {"base", {{"quaternion_wxyz", {std::sqrt(0.5), 0, 0, -std::sqrt(0.5)}}}}}}});
+  EXPECT_EQ(turned["clear_of"]["clear"], true);
+}
+
+TEST_F(ClearOfScenes, KnowOtherRobotsAtTheirPlacesAndTimes) {
+  const auto other = [](json more) {
+    json one{{"robot", "lwr4"}, {"name", "right"}, {"base", {{"p_m", {1.2, 0, 0}}, {"quaternion_wxyz", {0, 0, 0, 1}}}}};
+    one.update(more);
+    return json{{"robots", {one}}};
+  };
+  const json in_the_way{0, -1.2, 0, 0.9, 0, -0.3, 0}, up{0, 0, 0, 0, 0, 0, 0};
+  EXPECT_EQ(ask({{"clear_of", other({{"q_rad", in_the_way}})}})["clear_of"]["clear"], false);
+  EXPECT_EQ(ask({{"clear_of", other({{"q_rad", up}})}})["clear_of"]["clear"], true);
+  // It comes down after the other has gone.
+  const auto comes_at = [&](double t) {
+    return ask({{"clear_of", other({{"series", {{"t_s", {0, t, t + 0.5}}, {"q_rad", {up, up, in_the_way}}}}})}})["clear_of"];
+  };
+  EXPECT_EQ(comes_at(2)["clear"], true) << comes_at(2);
+  const json early = comes_at(0.1);
+  EXPECT_EQ(early["clear"], false);
+  EXPECT_EQ(early["nearest"]["obstacle"].get<std::string>().substr(0, 6), "right/");
+}
+
+// A ball where the cheapest motion has the tip half way.
+TEST_F(ClearOfScenes, FindMotionsAroundAnObstacle) {
+  json search{{"T_min_s", 2}, {"T_max_s", 2.5}, {"degree", 9}, {"particles", 60}, {"rounds", 80}, {"cost", "torque"}};
+  const json cheapest = ask(search, "optimise");
+  const std::shared_ptr<const Robot> robot = robots_.find("lwr4");
+  Move move;
+  move.from_q = cheapest["motion"]["q_start_rad"].get<std::vector<double>>();
+  move.to_q = cheapest["motion"]["q_end_rad"].get<std::vector<double>>();
+  move.T = cheapest["T_s"];
+  move.degree = 9;
+  move.c = cheapest["motion"]["c_r_rad"].get<std::vector<double>>();
+  std::vector<double> q(7), dq(7), ddq(7);
+  plan(robot->model, move).solution.path.at(move.T / 2, q, dq, ddq);
+  robot::FrameKinematics kinematics(robot->model, robot->model.end_effector());
+  const Eigen::Map<const Eigen::VectorXd> posture(q.data(), 7);
+  const Eigen::VectorXd rest = Eigen::VectorXd::Zero(7);
+  const Eigen::Vector3d p = kinematics.at(posture, rest, rest).p;
+  std::ostringstream place;
+  place << p.x() << ' ' << p.y() << ' ' << p.z();
+  folder_.write("scenes/ball.sdf",
+                "<sdf version=\"1.11\"><world name=\"w\"><model name=\"ball\"><static>true</static><pose>" + place.str() +
+                    " 0 0 0</pose><link name=\"ball\"><collision name=\"c\"><geometry><sphere><radius>0.02</radius></sphere>"
+                    "</geometry></collision></link></model></world></sdf>");
+  search["clear_of"] = {{"scene", "ball"}, {"clearance_m", 0.005}};
+  const json around = ask(search, "optimise");
+  EXPECT_EQ(around["feasible"], true) << around;
+  EXPECT_EQ(around["clear_of"]["clear"], true);
+  EXPECT_GE(around["clear_of"]["nearest"]["distance_m"], 0.005);
+  EXPECT_GT(around["cost"], cheapest["cost"]);
+  EXPECT_LT(around["cost"], 2 * cheapest["cost"].get<double>());
+  EXPECT_THAT(around["notes"].dump(), HasSubstr("cheaper motions that were found are not clear (the cheapest one: link_"));
+  // What was found is judged by itself.
+  const json judged =
+      ask({{"degree", 9}, {"T_s", around["T_s"]}, {"c_r_rad", around["motion"]["c_r_rad"]}, {"clear_of", search["clear_of"]}});
+  EXPECT_EQ(judged["feasible"], true) << judged["reason"];
+
+  // No motion is clear of a wall around the start; the front loses those that meet the ball.
+  folder_.write(
+      "scenes/wall.sdf",
+      "<sdf version=\"1.11\"><world name=\"w\"><model name=\"wall\"><static>true</static><link name=\"wall\"><collision "
+      "name=\"c\"><geometry><box><size>3 3 3</size></box></geometry></collision></link></model></world></sdf>");
+  json blocked = search;
+  blocked.update({{"rounds", 10}, {"clear_of", {{"scene", "wall"}}}});
+  const json none = ask(blocked, "optimise");
+  EXPECT_EQ(none["feasible"], false);
+  EXPECT_EQ(none["status"], "infeasible");
+  EXPECT_THAT(none["notes"].dump(), HasSubstr("cheapest motions that were found is clear"));
+  search.update({{"rule", "pareto"}, {"cost", {{{"name", "torque"}}, {{"name", "jerk"}}}}, {"directions", 3}, {"rounds", 30}});
+  const json front = ask(search, "optimise");
+  EXPECT_THAT(front["notes"].dump(), HasSubstr("motions of the front are left out, because they are not clear"));
+  for (const json& one : front["front"])
+    EXPECT_EQ(ask({{"degree", 9},
+                   {"T_s", one["T_s"]},
+                   {"c_r_rad", one["motion"]["c_r_rad"]},
+                   {"clear_of", search["clear_of"]}})["clear_of"]["clear"],
+              true);
+}
+
+TEST_F(ClearOfScenes, RefuseWhatTheyCannotAnswer) {
+  EXPECT_THAT(refusal(json::object()), HasSubstr("/clear_of/scene: is missing, and there are no robots and no self"));
+  EXPECT_THAT(refusal({{"scene", "nothing"}}), HasSubstr("/clear_of/scene: scene: 'nothing' is unknown"));
+  const std::string path = (folder_ / "scenes/post.sdf").string();
+  EXPECT_THAT(refusal({{"scene", path}}), HasSubstr("is not a name of letters"));
+  EXPECT_THAT(refusal({{"scene", "../scenes/post"}}), HasSubstr("is not a name of letters"));
+  EXPECT_THAT(refusal({{"scene", "post"}, {"clearance_m", -1}}), HasSubstr("/clear_of/clearance_m"));
+  EXPECT_THAT(refusal({{"scene", "post"}, {"ignore", {"link_5:pst"}}}), HasSubstr("did you mean 'post'?"));
+  EXPECT_THAT(refusal({{"scene", "post"}, {"base", {{"quaternion_wxyz", {0, 0, 0, 0}}}}}),
+              HasSubstr("has the length 0, expected 1"));
+  EXPECT_THAT(refusal({{"scene", "post"}, {"surprise", 1}}), HasSubstr("/clear_of"));
+  EXPECT_THAT(refusal({{"robots", {{{"robot", "nobody"}, {"q_rad", {0}}}}}}), HasSubstr("/clear_of/robots/0/robot"));
+  EXPECT_THAT(refusal({{"robots", {{{"robot", "planar2"}}}}}), HasSubstr("/clear_of/robots/0/q_rad"));
+  EXPECT_THAT(refusal({{"robots", {{{"robot", "planar2"}, {"q_rad", {0, 0, 0}}}}}}), HasSubstr("has 3 values, expected 2"));
+  const json twice{{"robot", "lwr4"}, {"q_rad", {0, 0, 0, 0, 0, 0, 0}}};
+  EXPECT_THAT(refusal({{"robots", {twice, twice}}}), HasSubstr("'lwr4' is there twice"));
+  EXPECT_THAT(error_of([&] { ask({{"clear_of", {{"scene", "post"}}}}, "reaction"); }), HasSubstr("clear_of"));
+  EXPECT_THAT(error_of([&] {
+                ask({{"clear_of", {{"scene", "post"}}}, {"T_min_s", 2}, {"rule", "lexicographic"}}, "optimise");
+              }),
+              HasSubstr("/rule: is lexicographic beside clear_of"));
+}
+
+}  // namespace
+}  // namespace cotwin::services::clear_test
