@@ -1,11 +1,14 @@
 // cotwin excite: designs a motion that excites a robot's dynamics parameters, for measurements.
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <iostream>
 #include <memory>
 #include <numbers>
+#include <optional>
 #include <thread>
 
+#include "master/program/commands/clear_of.h"
 #include "master/program/commands/commands.h"
 #include "master/program/interrupt.h"
 #include "master/program/progress_line.h"
@@ -18,6 +21,7 @@
 #include "models/identification/excitation/design.h"
 #include "models/identification/excitation/samples.h"
 #include "models/robot/urdf/urdf.h"
+#include "models/scene/urdf/urdf_shapes.h"
 
 namespace cotwin::master {
 
@@ -32,6 +36,9 @@ struct ExciteArguments {
   double rate = 250;  // Hz
   int periods = 1, threads = 1;
   bool quiet = false;
+  std::string clear_of;         // scene
+  std::optional<double> floor;  // m
+  bool checked() const { return floor || !clear_of.empty(); }
 };
 
 std::vector<std::string> column_names(std::size_t n) {
@@ -78,9 +85,92 @@ void write_design(std::ostream& out, const robot::RobotModel& robot, const excit
   }
 }
 
+/// The period of a motion; `rows` gets its samples.
+trajectory::Path path_of(const excitation::FourierSeries& series, std::vector<double>& rows) {
+  constexpr std::size_t kPerHarmonic = 40;
+  const std::size_t count = kPerHarmonic * series.harmonics;
+  std::vector<double> t;
+  for (std::size_t k = 0; k <= count; ++k) {
+    t.push_back(series.period * static_cast<double>(k) / static_cast<double>(count));
+    const std::size_t at = rows.size();
+    rows.resize(at + 3 * series.joints);
+    for (std::size_t j = 0; j < series.joints; ++j) {
+      const excitation::FourierSeries::State s = series.at(j, t.back());
+      rows[at + j] = s.q;
+      rows[at + series.joints + j] = s.dq;
+      rows[at + 2 * series.joints + j] = s.ddq;
+    }
+  }
+  return master::path_of(series.joints, t, rows);
+}
+
+/// Cuts the ranges of the joints that move a link relative to what it met, on the side on which they are then, by a third of what the motion uses
+/// from its middle.
+void cut_ranges(const robot::RobotModel& robot, const std::vector<double>& rows, const trajectory::Path& path,
+                const clearance::Nearest& met, excitation::DesignOptions& design) {
+  const std::size_t n = robot.joints.size();
+  std::vector<double> q(n), dq(n), ddq(n);
+  path.at(met.t, q, dq, ddq);
+  const auto moves = [&](std::size_t joint, const std::string& name) {
+    const auto link = std::ranges::find(robot.bodies, name, &robot::Body::name);
+    return link != robot.bodies.end() && robot.moves(static_cast<int>(joint), static_cast<int>(link - robot.bodies.begin()));
+  };
+  for (std::size_t j = 0; j < n; ++j) {
+    if (moves(j, met.link) == moves(j, met.other)) continue;
+    double low = q[j], high = q[j];
+    for (std::size_t k = j; k < rows.size(); k += 3 * n) low = std::min(low, rows[k]), high = std::max(high, rows[k]);
+    constexpr double kKept = 2.0 / 3;
+    const double middle = (low + high) / 2;
+    if (q[j] >= middle)
+      design.q_max[j] = std::min(design.q_max[j], middle + kKept * (high - middle));
+    else
+      design.q_min[j] = std::max(design.q_min[j], middle - kKept * (middle - low));
+  }
+}
+
+/// A motion that keeps clear, if one is found. `told`: what each search met.
+std::optional<excitation::Design> design_clear(const robot::RobotModel& robot, const fs::path& urdf, ExciteArguments& a,
+                                               const std::function<excitation::Design()>& search) {
+  constexpr int kMostSearches = 20;
+  clearance::Stand stand{{"", robot, scene::hulls_of_urdf(urdf, robot)}, {}};
+  clearance::Checker checker(scene_with(a.clear_of, a.floor), {std::move(stand)}, {0, true, {}});
+  for (const std::string& note : checker.notes()) std::cerr << "warning: " << note << '\n';
+  a.design.q_min.resize(robot.joints.size(), -scene::kInfinity);
+  a.design.q_max.resize(robot.joints.size(), scene::kInfinity);
+  for (std::size_t j = 0; j < robot.joints.size(); ++j) {
+    a.design.q_min[j] = std::max(a.design.q_min[j], robot.joints[j].q_min);
+    a.design.q_max[j] = std::min(a.design.q_max[j], robot.joints[j].q_max);
+  }
+  clearance::Nearest last;
+  for (int k = 1; k <= kMostSearches; ++k) {
+    excitation::Design design = search();
+    if (stop_signal() != 0) return design;
+    std::vector<double> rows;
+    const clearance::Motion motion{path_of(design.series, rows), {}};
+    const clearance::Verdict verdict = checker.check({&motion, 1});
+    if (verdict.clear) {
+      if (!a.quiet && std::isfinite(verdict.nearest.d))
+        std::cout << "clear: " << verdict.nearest.link << " comes nearest, " << text::to_text(verdict.nearest.d, 3)
+                  << " m from " << verdict.nearest.other << " at " << text::to_text(verdict.nearest.t, 4) << " s\n\n";
+      return design;
+    }
+    std::cerr << "search " << k << ": " << verdict.nearest.link << " meets " << verdict.nearest.other << " at "
+              << text::to_text(verdict.nearest.t, 4) << " s" << (k < kMostSearches ? "; again with smaller ranges" : "")
+              << '\n';
+    const clearance::Nearest& met = verdict.nearest;
+    constexpr double kSame = 1e-6;  // m
+    if (met.t == 0 && last.t == 0 && met.link == last.link && met.other == last.other && std::abs(met.d - last.d) < kSame)
+      throw Error("--clear-of", met.link + " meets " + met.other + " in every posture, expected another place of it");
+    last = met;
+    cut_ranges(robot, rows, motion.path, met, a.design);
+  }
+  return {};
+}
+
 int excite(ExciteArguments& a) {
   std::vector<std::string> warnings;
-  const robot::RobotModel robot = robot::load_urdf(urdf_of(a.robot), {robot::Unphysical::kWarn, ""}, &warnings);
+  const fs::path urdf = urdf_of(a.robot);
+  const robot::RobotModel robot = robot::load_urdf(urdf, {robot::Unphysical::kWarn, ""}, &warnings);
   a.design.criterion = text::choose<excitation::Criterion>(
       "--criterion", a.criterion,
       {{"condition", excitation::Criterion::kCondition}, {"determinant", excitation::Criterion::kDeterminant}});
@@ -91,11 +181,19 @@ int excite(ExciteArguments& a) {
   note_signals();
   numerics::Threads threads(a.threads);
   ProgressLine line(!a.quiet);
-  const excitation::Design design = excitation::design_excitation(robot, a.design, &threads, [&](int round) {
-    line.update("round " + std::to_string(round), static_cast<double>(round) / a.design.rounds);
-    return stop_signal() == 0;
-  });
-  line.clear();
+  const auto search = [&] {
+    excitation::Design found = excitation::design_excitation(robot, a.design, &threads, [&](int round) {
+      line.update("round " + std::to_string(round), static_cast<double>(round) / a.design.rounds);
+      return stop_signal() == 0;
+    });
+    line.clear();
+    return found;
+  };
+  const std::optional<excitation::Design> found = a.checked() ? design_clear(robot, urdf, a, search) : search();
+  if (!found)
+    throw Error("--clear-of",
+                "no motion was found that keeps clear, expected other limits (--q-min, --q-max) or another place");
+  const excitation::Design& design = *found;
   if (stop_signal() != 0) {
     std::cerr << "cotwin: stopped by " << name_of_signal(stop_signal()) << "; nothing was written\n";
     return kExitSignalled + stop_signal();
@@ -105,7 +203,7 @@ int excite(ExciteArguments& a) {
   if (!a.quiet) {
     write_design(std::cout, robot, design);
     std::cout << "\nmotion: " << out.string() << ", " << a.periods << " x " << text::to_text(a.design.period) << " s at "
-              << text::to_text(a.rate) << " Hz; not checked for collisions\n";
+              << text::to_text(a.rate) << " Hz" << (a.checked() ? "" : "; not checked for collisions") << '\n';
   }
   return kExitDone;
 }
@@ -139,6 +237,14 @@ void add_excite(CLI::App& app, Chosen& chosen) {
   command->add_option("--q-max", a.design.q_max, "Per joint: upper position limit within the URDF's limits, rad")
       ->delimiter(',')
       ->type_name("X,…");
+  command
+      ->add_option(
+          "--clear-of", a.clear_of,
+          "Scene (SDF file, or name of a scene) that the motion keeps clear of, and of the robot itself: the search is "
+          "repeated with smaller ranges of the joints; the robot's base is at the scene's origin")
+      ->type_name("SCENE");
+  command->add_option("--floor", a.floor, "Height of a floor below the robot's base that the motion keeps clear of, m")
+      ->type_name("Z");
   command->add_option("--criterion", a.criterion, "condition (minimise) or determinant (maximise)")->capture_default_str();
   command->add_option("--seed", a.design.seed, "Seed; equal seeds give equal bits")->capture_default_str()->type_name("N");
   command->add_option("--rounds", a.design.rounds, "Rounds of the particle swarm")->capture_default_str()->type_name("N");

@@ -1,9 +1,13 @@
 // cotwin info, check: information about a file, and its errors.
-#include <fstream>
+#include <algorithm>
+#include <functional>
 #include <iostream>
+#include <iterator>
 #include <memory>
+#include <string>
 
 #include "fmu/check/check.h"
+#include "master/program/commands/clear_of.h"
 #include "master/program/commands/commands.h"
 #include "master/workflows/check.h"
 #include "models/foundation/support/error.h"
@@ -23,9 +27,14 @@ int info(const fs::path& file) {
   return kExitDone;
 }
 
-int check(const fs::path& file) {
-  const auto findings =
-      is_fmu(file) ? fmu::check_fmu(file, true) : check_scenario(file, units(), model_folders(file.parent_path()));
+int check(const fs::path& file, const std::string& scene) {
+  auto findings = is_fmu(file) ? fmu::check_fmu(file, true) : check_scenario(file, units(), model_folders(file.parent_path()));
+  if (!scene.empty()) {
+    if (is_fmu(file)) throw Error("--clear-of", "is given with an FMU, expected a scenario");
+    const bool wrong = std::ranges::any_of(findings, [](const auto& one) { return one.level == fmu::Finding::Level::kError; });
+    if (!wrong) std::ranges::move(check_clear(file, scene), std::back_inserter(findings));
+    std::ranges::stable_sort(findings, {}, &fmu::Finding::level);
+  }
   return fmu::write_findings(std::cout, findings) ? kExitDone : kExitBadInput;
 }
 
@@ -33,15 +42,23 @@ int check(const fs::path& file) {
 
 void add_inspection(CLI::App& app, Chosen& chosen) {
   const auto file = std::make_shared<fs::path>();
-  const auto add = [&](const char* name, const char* description, int (*action)(const fs::path&)) {
+  const auto scene = std::make_shared<std::string>();
+  const auto add = [&](const char* name, const char* description, const std::function<int()>& action) {
     CLI::App* command = app.add_subcommand(name, description);
     command->add_option("FILE", *file, "FMU (.fmu, or unpacked), system structure (.ssd) or package (.ssp)")
         ->type_name("FILE")
         ->required();
-    command->callback([file, action, &chosen] { chosen = [file, action] { return action(*file); }; });
+    command->callback([action, &chosen] { chosen = action; });
+    return command;
   };
-  add("info", "Show a summary of an FMU or a scenario", info);
-  add("check", "List all errors and warnings of an FMU or a scenario; exit code 2 if there is an error", check);
+  add("info", "Show a summary of an FMU or a scenario", [file] { return info(*file); });
+  add("check", "List all errors and warnings of an FMU or a scenario; exit code 2 if there is an error",
+      [file, scene] { return check(*file, *scene); })
+      ->add_option(
+          "--clear-of", *scene,
+          "Also whether the desired motions of joints keep clear of this scene (SDF file, or name of a scene) and of the "
+          "robot itself; robots stand where contact worlds and monitors of the scenario have them")
+      ->type_name("SCENE");
 }
 
 }  // namespace cotwin::master
