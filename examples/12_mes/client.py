@@ -15,6 +15,7 @@ import urllib.request
 
 ROBOT = "lwr4"
 FROM, TO = [0, -0.9, 0, 1.2, 0, 0.6, 0], [1.2, 0.9, 0, -1.2, 0, -0.6, 0]  # rad
+TABLE = {"scene": "table", "base": {"p_m": [0, 0, 0.3105]}, "self": True}  # what the robot stands on and must not meet, nor itself
 DURATION = 2.0  # s, that the takt of the cell leaves
 SAMPLE = 0.002  # s, of the cell's recording
 
@@ -116,8 +117,9 @@ def main():
     move = {"robot": ROBOT, "from_q_rad": FROM, "to_q_rad": TO}
     shortest = gateway.call("POST", "/services/feasibility", move)
     print(f"2. ask: the shortest quintic takes {shortest['T_s']:.3f} s; {DURATION} s are left")
-    if not gateway.call("POST", "/services/feasibility", {**move, "T_s": DURATION})["feasible"]:
-        sys.exit("the quintic is not possible in this time")
+    asked = gateway.call("POST", "/services/feasibility", {**move, "T_s": DURATION, "clear_of": TABLE})
+    if not asked["feasible"]:
+        sys.exit("the quintic is not possible in this time: " + asked["reason"])
 
     request = {"service": "optimise", **move, "T_min_s": DURATION, "degree": 9, "cost": "torque", "drives": "none", "particles": a.particles, "rounds": a.rounds}
     order = {"JobOrderID": f"better-{os.getpid()}", "Priority": 5, "Description": [{"Locale": "en", "Text": "cheaper motion of cell 12"}],
@@ -132,6 +134,11 @@ def main():
     better = reply_of(gateway.call("GET", f"/job-responses/{job}"))
     coefficients = better["motion"]["c_r_rad"] if "motion" in better else better["c_r_rad"]
     T = better["T_s"]
+    asked = gateway.call("POST", "/services/feasibility", {**move, "T_s": T, "degree": 9, "c_r_rad": coefficients, "drives": "none", "clear_of": TABLE})
+    if not asked["clear_of"]["clear"]:
+        sys.exit("the better motion is not clear: " + asked["reason"])
+    nearest = asked["clear_of"]["nearest"]
+    print(f"   it keeps clear of the table: {nearest['link']} comes nearest, {nearest['distance_m']:.3f} m")
     kept = gateway.call("POST", "/results/find", request)["Results"]
     print(f"4. choose: {better['status']}, predicted ∫Στ² dt = {better['cost']:.1f} N²m²s; the result is kept as number {kept[0]['Number']}")
 

@@ -1,14 +1,18 @@
 // Services: time of the optimisation of a motion, 200 particles, 500 rounds, 200 samples of seven torques, on one core; and the times of
-// services for a chain of 30 joints.
+// services for a chain of 30 joints, and of a move that is to keep clear of a scene.
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
 #include <functional>
+#include <random>
 #include <string>
 #include <vector>
 
 #include "components/services/services.h"
+#include "models/clearance/clearance.h"
 #include "models/optimisation/search.h"
 #include "models/robot/urdf/urdf.h"
+#include "models/scene/urdf/urdf_shapes.h"
 #include "tests/benchmarks/measure.h"
 #include "tests/support/chain_urdf.h"
 #include "tests/support/places.h"
@@ -66,6 +70,40 @@ void chain_of_30() {
                     seconds_of([&] { benchmark::keep(services::plan(robot, move).solution.T); }), "none", 0, 0, false});
 }
 
+/// Random moves of the LWR 4+ among 50 boxes.
+void clearance_among_50() {
+  const std::filesystem::path urdf = std::filesystem::path(cotwin::places::source()) / "models/robots/lwr4/robot.urdf";
+  clearance::Stand stand{{"", robot::load_urdf(urdf), {}}, {}};
+  stand.robot.shapes = scene::hulls_of_urdf(urdf, stand.robot.model);
+  const std::size_t n = stand.robot.model.joints.size();
+  std::mt19937 random(4);
+  const auto real = [&](double low, double high) { return std::uniform_real_distribution<double>(low, high)(random); };
+  scene::Scene cell;
+  for (int k = 0; k < 50; ++k) {
+    scene::Body box;
+    box.name = "box" + std::to_string(k);
+    box.motion = scene::Motion::kStatic;
+    const double angle = real(-3, 3), far = real(0.5, 1.6);
+    box.X_WB.p = {far * std::cos(angle), far * std::sin(angle), real(-0.3, 1.2)};
+    box.shapes.resize(1);
+    box.shapes[0].type = scene::ShapeType::kBox;
+    box.shapes[0].size = {0.1, 0.15, 0.2};
+    cell.bodies.push_back(box);
+  }
+  clearance::Checker checker(cell, {stand}, {0, true, {}});
+  std::vector<double> all;
+  for (int k = 0; k < benchmark::shortened(200, 3); ++k) {
+    std::vector<double> q;
+    for (std::size_t i = 0; i < 2 * n; ++i) q.push_back(real(-1.5, 1.5));
+    const std::vector<double> zeros(2 * n);
+    const clearance::Motion move{trajectory::Path(n, {0, 2}, q, zeros, zeros), {}};
+    all.push_back(seconds_of([&] { benchmark::keep(checker.check({&move, 1}).clear); }));
+  }
+  std::ranges::sort(all);
+  benchmark::print({"a random move of 7 joints among 50 bodies and clear of itself, slowest of 200", "ms", 1e3 * all.back(),
+                    "median", 1e3 * all[all.size() / 2], 20, false});
+}
+
 }  // namespace
 
 int main() {
@@ -94,5 +132,6 @@ int main() {
                       degree == 9 && !refine ? 0.4 : 0, false});
   }
   chain_of_30();
+  clearance_among_50();
   return 0;
 }
