@@ -164,7 +164,9 @@ struct Checker::Impl {
     const double h = to.t - from.t;
     for (std::size_t r = 0; r < robots.size(); ++r) {
       for (std::size_t j = 0; j < fastest[r].size(); ++j) {
-        const double speed = std::max(std::abs(from.dq[r][j]), std::abs(to.dq[r][j])) + fastest[r][j].ddq * h / 2;
+        // Others may begin and end in between, with a speed.
+        const double change = fastest[r][j].ddq * (r == 0 ? h / 2 : h);
+        const double speed = std::max(std::abs(from.dq[r][j]), std::abs(to.dq[r][j])) + change;
         joint_ways[r][j] = h * std::min(fastest[r][j].dq, speed);
       }
     }
@@ -205,7 +207,7 @@ struct Checker::Impl {
     return way.d - pair.clearance;
   }
 
-  /// What is certainly enough: of the least distance, or to be clear. Links of the robot are near each other all the time, and need not touch only.
+  /// What is certainly enough: of the least distance, or to be clear. Links of the robot only must not touch.
   double enough(const Pair& pair) const {
     if (pair.self) return 0;
     const double error = std::max(kLeastError, kLeastShare * std::abs(least_over));
