@@ -247,7 +247,8 @@ void refuse_unused(const Robot& robot, Reader& r, const std::string& rule, bool 
     r.only_if(verify, name.c_str(), "verify");
 }
 
-/// The cheapest motions within the bounds that a search tried, for one that touches nothing.
+/// Motions within the bounds that a search tried, for one that touches nothing: of those whose costs differ by less than a share the cheapest, since
+/// those of a search that has converged are all alike.
 class Candidates {
  public:
   explicit Candidates(const Problem& problem) : problem_(problem) {}
@@ -258,19 +259,26 @@ class Candidates {
       return !further || further(round);
     };
   }
-  const std::multimap<double, optimisation::Round::Particle>& best() const { return best_; }
+  struct Candidate {
+    double cost;
+    optimisation::Round::Particle particle;
+  };
+  const std::map<double, Candidate>& by_cost() const { return kept_; }
 
  private:
   void add(const optimisation::Round::Particle& particle) {
     constexpr std::size_t kMost = 500;
+    constexpr double kShare = 1e-3;
     double cost = 0;
     for (std::size_t i = 0; i < problem_.costs.size(); ++i) cost += problem_.costs[i].weight * particle.costs[i];
-    if (!std::isfinite(cost) || (best_.size() == kMost && cost >= std::prev(best_.end())->first)) return;
-    best_.emplace(cost, particle);
-    if (best_.size() > kMost) best_.erase(std::prev(best_.end()));
+    if (!std::isfinite(cost)) return;
+    const double place = std::copysign(std::floor(std::log1p(std::abs(cost)) / kShare), cost);
+    const auto [at, is_new] = kept_.try_emplace(place, Candidate{cost, particle});
+    if (!is_new && cost < at->second.cost) at->second = {cost, particle};
+    if (kept_.size() > kMost) kept_.erase(std::prev(kept_.end()));
   }
   const Problem& problem_;
-  std::multimap<double, optimisation::Round::Particle> best_;
+  std::map<double, Candidate> kept_;
 };
 
 /// Replaces a motion that is not clear by the cheapest clear one of the candidates, if there is one. Returns what to tell.
@@ -278,7 +286,8 @@ std::string make_clear(ClearOf& clear, const Problem& p, const Candidates& candi
   const clearance::Verdict verdict = clear.check(s.path);
   if (verdict.clear) return "";
   int touching = 1;
-  for (const auto& [cost, particle] : candidates.best()) {
+  for (const auto& [place, candidate] : candidates.by_cost()) {
+    const optimisation::Round::Particle& particle = candidate.particle;
     Solution other = optimisation::assess(p, particle.c, particle.q_to, particle.T, particle.compliance);
     if (other.status != Status::kFeasible) continue;
     if (!clear.check(other.path).clear) {
@@ -296,7 +305,7 @@ std::string make_clear(ClearOf& clear, const Problem& p, const Candidates& candi
   }
   s.status = Status::kInfeasible;
   s.reason = clear.reason(verdict);
-  return "none of the " + std::to_string(touching) + " cheapest motions that were found is clear";
+  return "none of " + std::to_string(touching) + " motions that were found is clear";
 }
 
 Json front_of(const Robot& robot, const Move& m, const Problem& p, const std::vector<optimisation::Round::Particle>& particles,
