@@ -108,14 +108,14 @@ TEST_F(ClearOfScenes, KnowOtherRobotsAtTheirPlacesAndTimes) {
 
 // A ball where the cheapest motion has the tip half way.
 TEST_F(ClearOfScenes, FindMotionsAroundAnObstacle) {
-  json search{{"T_min_s", 2}, {"T_max_s", 2.5}, {"degree", 9}, {"particles", 60}, {"rounds", 80}, {"cost", "torque"}};
+  json search{{"T_min_s", 2}, {"T_max_s", 2.5}, {"degree", 7}, {"particles", 24}, {"rounds", 40}, {"cost", "torque"}};
   const json cheapest = ask(search, "optimise");
   const std::shared_ptr<const Robot> robot = robots_.find("lwr4");
   Move move;
   move.from_q = cheapest["motion"]["q_start_rad"].get<std::vector<double>>();
   move.to_q = cheapest["motion"]["q_end_rad"].get<std::vector<double>>();
   move.T = cheapest["T_s"];
-  move.degree = 9;
+  move.degree = 7;
   move.c = cheapest["motion"]["c_r_rad"].get<std::vector<double>>();
   std::vector<double> q(7), dq(7), ddq(7);
   plan(robot->model, move).solution.path.at(move.T / 2, q, dq, ddq);
@@ -139,7 +139,7 @@ TEST_F(ClearOfScenes, FindMotionsAroundAnObstacle) {
   EXPECT_THAT(around["notes"].dump(), HasSubstr("cheaper motions that were found are not clear (the cheapest one: link_"));
   // What was found is judged by itself.
   const json judged =
-      ask({{"degree", 9}, {"T_s", around["T_s"]}, {"c_r_rad", around["motion"]["c_r_rad"]}, {"clear_of", search["clear_of"]}});
+      ask({{"degree", 7}, {"T_s", around["T_s"]}, {"c_r_rad", around["motion"]["c_r_rad"]}, {"clear_of", search["clear_of"]}});
   EXPECT_EQ(judged["feasible"], true) << judged["reason"];
 
   // No motion is clear of a wall around the start; the front loses those that meet the ball.
@@ -148,21 +148,25 @@ TEST_F(ClearOfScenes, FindMotionsAroundAnObstacle) {
       "<sdf version=\"1.11\"><world name=\"w\"><model name=\"wall\"><static>true</static><link name=\"wall\"><collision "
       "name=\"c\"><geometry><box><size>3 3 3</size></box></geometry></collision></link></model></world></sdf>");
   json blocked = search;
-  blocked.update({{"rounds", 10}, {"clear_of", {{"scene", "wall"}}}});
+  blocked.update({{"rounds", 10}, {"refine", false}, {"clear_of", {{"scene", "wall"}}}});
   const json none = ask(blocked, "optimise");
   EXPECT_EQ(none["feasible"], false);
   EXPECT_EQ(none["status"], "infeasible");
   EXPECT_THAT(none["notes"].dump(), HasSubstr("motions that were found is clear"));
   // A front loses those of its motions that are not clear, and no others.
   const json clear_of = search["clear_of"];
-  search.update({{"rule", "pareto"}, {"cost", {{{"name", "torque"}}, {{"name", "jerk"}}}}, {"directions", 3}, {"rounds", 30}});
+  search.update({{"rule", "pareto"},
+                 {"cost", {{{"name", "torque"}}, {{"name", "jerk"}}}},
+                 {"directions", 2},
+                 {"rounds", 12},
+                 {"refine", false}});
   const json front = ask(search, "optimise")["front"];
   search.erase("clear_of");
   std::size_t clear = 0;
   const json whole = ask(search, "optimise")["front"];
   for (const json& one : whole) {
     const json verdict =
-        ask({{"degree", 9}, {"T_s", one["T_s"]}, {"c_r_rad", one["motion"]["c_r_rad"]}, {"clear_of", clear_of}})["clear_of"];
+        ask({{"degree", 7}, {"T_s", one["T_s"]}, {"c_r_rad", one["motion"]["c_r_rad"]}, {"clear_of", clear_of}})["clear_of"];
     if (verdict["clear"] == true && clear < front.size()) EXPECT_EQ(front[clear], one);
     clear += verdict["clear"] == true ? 1 : 0;
   }
