@@ -56,7 +56,7 @@ trajectory::Path motion_of(Member& member, std::vector<double>& waypoints) {
   const Variables& v = member.variables();
   Unit& unit = *member.instance.unit;
   unit.initialise(Time{});
-  waypoints.assign(v.at("waypoint_t").reals().begin(), v.at("waypoint_t").reals().end());
+  if (const Variable* times = v.find("waypoint_t")) waypoints.assign(times->reals().begin(), times->reals().end());
   const double duration = v.at("duration").reals()[0];
   const double end = v.at("t_start").reals()[0] + duration;
   if (!(duration > 0 && end <= 3600))
@@ -90,7 +90,10 @@ std::vector<fmu::Finding> check_clear(const fs::path& file, const std::string& n
     if (!is_unit(spec) || parse_unit_source(spec.source).unit != "motion") continue;
     Member member = load_member(spec, scenario, units(), folders, fmus);
     apply(start_values(scenario, member), member.variables());
-    if (member.variables().find("q_d") == nullptr || member.variables().find("waypoint_t") == nullptr) continue;
+    if (member.variables().find("q_d") == nullptr) {
+      findings.push_back({Level::kNote, spec.name + ": not checked for collisions, because its motion is one of poses"});
+      continue;
+    }
     // The places of robots are those that the page has.
     Recorded signals;
     const std::size_t n = member.variables().at("q_d").size();

@@ -104,6 +104,8 @@ TEST(ExciteClearOf, FindsAMotionThatAMonitorSeesTouchNothing) {
 )");
   ASSERT_EQ(excite({"--quiet"}).code, 0);
   EXPECT_LT(watched(), 0) << "without a scene this robot touches itself or the floor";
+  const auto checked = [&] { return run_program({"check", folder / "cell.ssd", "--clear-of", folder / "floor.sdf"}); };
+  EXPECT_THAT(checked().out, ::testing::ContainsRegex("error: motion: [a-z0-9_]+ meets [a-z0-9_]+ at [0-9.]+ s\n"));
   const RunResult found = excite({"--clear-of", folder / "floor.sdf"});
   ASSERT_EQ(found.code, 0) << found.err;
   EXPECT_THAT(found.err,
@@ -111,6 +113,7 @@ TEST(ExciteClearOf, FindsAMotionThatAMonitorSeesTouchNothing) {
   EXPECT_THAT(found.out, HasSubstr("clear: "));
   EXPECT_THAT(found.out, ::testing::Not(HasSubstr("not checked for collisions")));
   EXPECT_GT(watched(), 0);
+  EXPECT_THAT(checked().out, HasSubstr("note: motion: clear; nearest: "));
 
   fs::remove(folder / "motion.csv");
   const RunResult never = excite({"--floor", "0.3"});
