@@ -170,7 +170,7 @@ void Compliance::check() {
   for (std::size_t i = 0; i < n_; ++i) {
     if (braking_[i] > 0) continue;
     throw Error(place_ + ".braking[" + std::to_string(i + 1) + "]",
-                "is " + text::to_text(braking_[i]) + ", expected > 0 " + measures_.si("rad/s2"));
+                "is " + text::to_text(braking_[i]) + ", expected > 0 " + measures_.si("rad/s2", i));
   }
 }
 

@@ -62,7 +62,7 @@ void DriveTrain::check_parameters() const {
     if (driven && p.B[i] == 0) fail("B", i, 0, "a finite value > 0");
     if (driven && equations_.flexible() && p.K[i] == 0) fail("K", i, 0, "a finite value > 0");
     if (p.tau_S[i] < p.tau_C[i])
-      fail("tau_S", i, p.tau_S[i], "at least tau_C = " + text::to_text(p.tau_C[i]) + " " + measures_.si("N.m"));
+      fail("tau_S", i, p.tau_S[i], "at least tau_C = " + text::to_text(p.tau_C[i]) + " " + measures_.si("N.m", i));
     if (equations_.has_bristles() && p.sigma0[i] == 0 && p.tau_S[i] > 0) {
       const bool coulomb = p.tau_C[i] > 0;
       fail(coulomb ? "tau_C" : "tau_S", i, coulomb ? p.tau_C[i] : p.tau_S[i],
@@ -71,9 +71,9 @@ void DriveTrain::check_parameters() const {
     if (!equations_.inside()) continue;
     if (!std::isfinite(q0_[i])) fail("q0", i, q0_[i], "a finite value");
     if (!std::isfinite(dq0_[i])) fail("dq0", i, dq0_[i], "a finite value");
-    if (!(std::abs(dq0_[i]) <= kFastest)) fail("dq0", i, dq0_[i], "at most 1e6 " + measures_.si("rad/s"));
+    if (!(std::abs(dq0_[i]) <= kFastest)) fail("dq0", i, dq0_[i], "at most 1e6 " + measures_.si("rad/s", i));
     if (!(p.q_min[i] < p.q_max[i]))
-      fail("q_min", i, p.q_min[i], "below q_max = " + text::to_text(p.q_max[i]) + " " + measures_.si("rad"));
+      fail("q_min", i, p.q_min[i], "below q_max = " + text::to_text(p.q_max[i]) + " " + measures_.si("rad", i));
   }
   if (equations_.inside()) robot::check_start(place_, limits_.joints(), q0_, p.q_min, p.q_max);
 }

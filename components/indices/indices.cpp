@@ -123,7 +123,7 @@ void Indices::declare(Variables& v) {
   declare_ellipsoid(v, "dyn_v", dyn_v_, "accelerations of E that the motors reach", "m/s2", "m3/s6", true);
   declare_ellipsoid(v, "dyn_w", dyn_w_, "angular accelerations of E that the motors reach", "rad/s2", "rad3/s6", true);
   v.output("warning", warning_, "what the user should know after the run; empty if nothing");
-  v.state("B_in_force", B_, measures_.si("kg.m2"), "B on its way to the tunable");
+  joints.state("B_in_force", B_, "kg.m2", "B on its way to the tunable");
   declare_bodies(v, bodies_, true);
   if (floating_) {
     v.input("base_v", base_v_, "m/s", "velocity of the floating base's origin in W");

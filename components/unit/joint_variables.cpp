@@ -1,12 +1,12 @@
 #include "components/unit/joint_variables.h"
 
+#include <algorithm>
 #include <utility>
 
 #include "models/robot/body_parameters.h"
 #include "models/robot/robot_model.h"
 
 namespace cotwin {
-namespace {
 
 std::string prismatic_si(std::string_view revolute) {
   std::string si(revolute);
@@ -17,46 +17,53 @@ std::string prismatic_si(std::string_view revolute) {
   return si;
 }
 
-}  // namespace
-
 JointMeasures::JointMeasures(const robot::RobotModel* robot) {
   if (robot == nullptr) return;
-  std::size_t count = 0;
-  for (std::size_t i = 0; i < robot->joints.size(); ++i) {
-    if (robot->joints[i].type != robot::JointType::kPrismatic) continue;
-    prismatic_among_ += (count++ == 0 ? "" : ", ") + std::to_string(i + 1);
+  for (const robot::Joint& joint : robot->joints) {
+    names_.push_back(joint.name);
+    prismatic_.push_back(joint.type == robot::JointType::kPrismatic);
   }
-  prismatic_ = count > 0 && count == robot->joints.size();
-  if (prismatic_) prismatic_among_.clear();
-  if (!prismatic_among_.empty()) prismatic_among_.insert(0, count == 1 ? "joint " : "joints ");
 }
 
-std::string JointMeasures::si(std::string_view revolute) const {
-  return prismatic_ ? prismatic_si(revolute) : std::string(revolute);
+std::string JointMeasures::si(std::string_view revolute, std::size_t joint) const {
+  return joint < prismatic_.size() && prismatic_[joint] ? prismatic_si(revolute) : std::string(revolute);
 }
 
-std::string JointMeasures::description(std::string_view revolute, std::string text) const {
-  const std::string other = prismatic_si(revolute);
-  return prismatic_among_.empty() || other == revolute ? text : text + " (" + other + " for " + prismatic_among_ + ")";
+std::string JointMeasures::common_si(std::string_view revolute) const {
+  const bool all = !prismatic_.empty() && std::ranges::find(prismatic_, false) == prismatic_.end();
+  return all ? prismatic_si(revolute) : std::string(revolute);
+}
+
+std::shared_ptr<const Elements> JointMeasures::elements(std::string_view revolute, std::size_t size) const {
+  const std::size_t n = names_.size();
+  if (n == 0 || size % n != 0) return nullptr;
+  Elements all;
+  if (size == n) all.names = names_;
+  const bool differ = prismatic_si(revolute) != revolute && std::ranges::count(prismatic_, prismatic_.front()) != static_cast<std::ptrdiff_t>(n);
+  for (std::size_t i = 0; differ && i < size; ++i) all.si.push_back(si(revolute, i % n));
+  return std::make_shared<const Elements>(std::move(all));
 }
 
 Variables::Declared JointVariables::declare(Role role, std::string name, Reals storage, std::string_view si,
                                             std::string description, bool prismatic_differs) {
-  std::string measure = prismatic_differs ? measures_.si(si) : std::string(si);
-  if (prismatic_differs) description = measures_.description(si, std::move(description));
-  switch (role) {
-    case Role::kInput:
-      return variables_.input(std::move(name), storage, std::move(measure), std::move(description));
-    case Role::kOutput:
-      return variables_.output(std::move(name), storage, std::move(measure), std::move(description));
-    case Role::kParameter:
-      return variables_.parameter(std::move(name), storage, std::move(measure), std::move(description));
-    case Role::kTunable:
-      return variables_.tunable(std::move(name), storage, std::move(measure), std::move(description));
-    case Role::kState:
-      break;
-  }
-  return variables_.state(std::move(name), storage, std::move(measure), std::move(description));
+  std::string measure = prismatic_differs ? measures_.common_si(si) : std::string(si);
+  std::shared_ptr<const Elements> elements = measures_.elements(prismatic_differs ? si : "1", storage.size());
+  const auto declared = [&]() -> Declared {
+    switch (role) {
+      case Role::kInput:
+        return variables_.input(std::move(name), storage, std::move(measure), std::move(description));
+      case Role::kOutput:
+        return variables_.output(std::move(name), storage, std::move(measure), std::move(description));
+      case Role::kParameter:
+        return variables_.parameter(std::move(name), storage, std::move(measure), std::move(description));
+      case Role::kTunable:
+        return variables_.tunable(std::move(name), storage, std::move(measure), std::move(description));
+      case Role::kState:
+        break;
+    }
+    return variables_.state(std::move(name), storage, std::move(measure), std::move(description));
+  };
+  return declared().elements(std::move(elements));
 }
 
 void declare_bodies(Variables& v, robot::BodyParameters& b, bool tunable, const std::string& prefix) {

@@ -14,21 +14,25 @@ struct RobotModel;
 
 namespace cotwin {
 
-/// Units of measure of the joint quantities of a robot. A port is a vector with one unit of measure. If all joints are
-/// prismatic, it is that of prismatic joints (m, N), else that of revolute joints (rad, N.m). If both kinds of joints occur,
-/// the description names the prismatic joints and their unit of measure.
+/// Names and units of measure of the joints of a robot: rad and N.m of revolute ones, m and N of prismatic ones.
 class JointMeasures {
  public:
-  /// Without a robot (nullptr), the joints are revolute.
+  /// Without a robot (nullptr), the joints are revolute and have no names.
   explicit JointMeasures(const robot::RobotModel* robot);
-  /// The unit of measure to be declared, from that of a revolute joint: "N.m.s/rad" becomes "N.s/m" for prismatic joints.
-  std::string si(std::string_view revolute) const;
-  std::string description(std::string_view revolute, std::string text) const;
+  /// The unit of measure of a joint, counted from 0, from that of a revolute one: "N.m.s/rad" becomes "N.s/m" of a prismatic one.
+  std::string si(std::string_view revolute, std::size_t joint) const;
+  /// Of a vector with an element per joint, or with so many rows of them; nullptr for other sizes.
+  std::shared_ptr<const Elements> elements(std::string_view revolute, std::size_t size) const;
+  /// That of all joints if it is the same, or that of revolute ones.
+  std::string common_si(std::string_view revolute) const;
 
  private:
-  bool prismatic_ = false;       // all joints
-  std::string prismatic_among_;  // "joint 3", "joints 1, 3": prismatic joints beside revolute ones; else empty
+  std::vector<std::string> names_;
+  std::vector<bool> prismatic_;
 };
+
+/// The unit of measure of a prismatic joint, from that of a revolute one.
+std::string prismatic_si(std::string_view revolute);
 
 /// Declares real variables that hold values of the joints, with units of measure given for revolute joints.
 class JointVariables {

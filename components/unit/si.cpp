@@ -336,6 +336,13 @@ void define_units(ParameterSet& set) {
 
 bool convertible(const Measure& from, const Measure& to) { return from.exponents == to.exponents; }
 
+bool is_rate(const std::string& rate, const std::string& of) {
+  if (rate.empty() || of.empty()) return true;
+  Measure expected = parse(of);
+  expected.exponents[2] -= 1;  // per second
+  return convertible(expected, parse(rate));
+}
+
 Conversion conversion(const Measure& from, const Measure& to) {
   // Equal measures convert by exactly 1 and 0 (x/x = 1, x − x = 0).
   return {from.factor / to.factor, (from.offset - to.offset) / to.factor};

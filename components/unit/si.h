@@ -29,6 +29,10 @@ void define_units(ParameterSet& set);
 /// angular velocity.
 bool convertible(const Measure& from, const Measure& to);
 
+/// Whether `rate` is a measure of the first time derivative of what is measured in `of`; also if one of them is "", unknown. Throws
+/// Error for texts that parse() cannot read.
+bool is_rate(const std::string& rate, const std::string& of);
+
 /// to = factor · from + offset.
 struct Conversion {
   double factor = 1;

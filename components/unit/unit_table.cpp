@@ -12,14 +12,19 @@ namespace {
 
 constexpr std::string_view kScheme = "unit:";
 
-/// `value`, given in `unit` (one that the set defines, or a common one), in the measure of `variable`.
-double in_measure_of(const Variable& variable, double value, const ParameterValue& given, const ParameterSet& set) {
-  if (given.unit.empty() || variable.si.empty()) return value;
+/// `value`, given in `unit` (one that the set defines, or a common one), in the measure of the element, or of all (-1).
+double in_measure_of(const FoundElement& found, double value, const ParameterValue& given, const ParameterSet& set) {
+  const Variable& variable = *found.variable;
+  if (given.unit.empty()) return value;
+  if (found.element < 0 && variable.mixed())
+    throw Error(given.place, given.name + ": its elements are in " + text::joined(variable.elements->si) + ", expected a value of each, or none in " + given.unit);
+  const std::string& si = variable.si_of(static_cast<std::size_t>(std::max<std::ptrdiff_t>(found.element, 0)));
+  if (si.empty()) return value;
   const auto defined =
       std::find_if(set.units.begin(), set.units.end(), [&](const UnitDefinition& u) { return u.name == given.unit; });
   const si::Measure from = defined != set.units.end() ? si::from(*defined) : si::parse(given.unit);
-  const si::Measure to = si::parse(variable.si);
-  if (!si::convertible(from, to)) throw Error(given.place, given.name + ": " + given.unit + " cannot give " + variable.si);
+  const si::Measure to = si::parse(si);
+  if (!si::convertible(from, to)) throw Error(given.place, given.name + ": " + given.unit + " cannot give " + si);
   const si::Conversion c = si::conversion(from, to);
   return c.factor * value + c.offset;
 }
@@ -101,7 +106,7 @@ void apply(const ParameterSet& set, const Variables& variables) {
       } else {
         const auto* integer = std::get_if<std::int64_t>(&given.value);
         const double real = integer != nullptr ? static_cast<double>(*integer) : std::get<double>(given.value);
-        value = text::to_text(in_measure_of(variable, real, given, set));
+        value = text::to_text(in_measure_of(found, real, given, set));
       }
       if (found.element < 0) {
         assign_text(variable, value);

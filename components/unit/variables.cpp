@@ -213,18 +213,28 @@ Variables::Declared& Variables::Declared::exact(ExactIntegers& storage) {
   return *this;
 }
 
+Variables::Declared& Variables::Declared::elements(std::shared_ptr<const Elements> elements) {
+  Variable& variable = list_.list_[index_];
+  if (elements == nullptr) return *this;
+  for (const std::vector<std::string>* list : {&elements->names, &elements->si}) {
+    if (!list->empty() && list->size() != variable.size())
+      throw Error(variable.name, std::to_string(list->size()) + " names or units of measure, expected " + std::to_string(variable.size()));
+  }
+  if (!elements->si.empty()) variable.si.clear();
+  variable.elements = std::move(elements);
+  list_.fingerprint_ = 0;
+  return *this;
+}
+
 Variables::Declared& Variables::Declared::derivative_of(std::string name) {
   Variable& variable = list_.list_[index_];
   const Variable* of = list_.find(name);
   if (of == nullptr || of->kind() != Kind::kReal || variable.kind() != Kind::kReal || of->size() != variable.size()) {
     throw Error(variable.name, "cannot be the derivative of '" + name + "', expected reals of the same size declared before");
   }
-  if (!of->si.empty() && !variable.si.empty()) {
-    si::Measure expected = si::parse(of->si);
-    expected.exponents[2] -= 1;  // per second
-    if (!si::convertible(expected, si::parse(variable.si))) {
-      throw Error(variable.name, "in " + variable.si + " cannot be the derivative of '" + name + "' in " + of->si);
-    }
+  for (std::size_t i = 0; i < variable.size(); ++i) {
+    if (!si::is_rate(variable.si_of(i), of->si_of(i)))
+      throw Error(variable.name, "in " + variable.si_of(i) + " cannot be the derivative of '" + name + "' in " + of->si_of(i));
   }
   variable.derivative_of = std::move(name);
   return *this;
@@ -275,7 +285,8 @@ void Variables::check_ranges() const {
     const auto check = [&](std::size_t element, double value) {
       if (value >= variable.min && value <= variable.max) return;
       throw Error(element_name(variable, element) + " = " + text::to_text(value) +
-                  (variable.si.empty() ? "" : " " + variable.si) + ", expected " + allowed_values(variable));
+                  (variable.si_of(element).empty() ? "" : " " + variable.si_of(element)) + ", expected " +
+                  allowed_values(variable));
     };
     if (variable.kind() == Kind::kReal) {
       for (std::size_t i = 0; i < variable.size(); ++i) check(i, variable.reals()[i]);
@@ -305,6 +316,7 @@ std::uint64_t Variables::fingerprint() const {
     hash.add(static_cast<double>(variable.size()));
     hash.add(static_cast<double>(variable.rate.size()));
     hash.add(variable.si);
+    for (std::size_t i = 0; variable.mixed() && i < variable.size(); ++i) hash.add(variable.si_of(i));
     hash.add(variable.min);
     hash.add(variable.max);
   }

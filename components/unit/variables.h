@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <functional>
 #include <limits>
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
@@ -32,6 +33,12 @@ std::string_view name_of(Role role);
 /// 64-bit integers that double does not have, as their bits, by the element that has the nearest double. They hold while it has.
 using ExactIntegers = std::unordered_map<const double*, std::uint64_t>;
 
+/// What the elements of a vector belong to, for example the joints of a robot.
+struct Elements {
+  std::vector<std::string> names;  // of each element; empty: they have numbers only
+  std::vector<std::string> si;     // units of measure of each, where they differ; else empty
+};
+
 /// One variable of a unit: its meaning, and the member of the unit that holds it. Every variable is a vector; a scalar has one
 /// element. The storage must keep its address and length from declare() until the unit is destroyed.
 struct Variable {
@@ -40,8 +47,8 @@ struct Variable {
   std::string name;  // unique within the unit, an identifier: "tau_J" (any text after Variables::foreign())
   Role role = Role::kInput;
   Storage storage;
-  std::string si;           // unit of measure of kReal, e.g. "N.m/rad"; "1" for a pure number; "" for the other kinds and for
-                            // reals of foreign units without a unit of measure
+  std::string si;           // unit of measure of kReal, e.g. "N.m/rad"; "1" for a pure number; "" for the other kinds, for
+                            // reals of foreign units without a unit of measure, and where elements differ (si_of)
   std::string description;  // one sentence: meaning, frame, equation
   double min = -std::numeric_limits<double>::infinity();  // in `si`; both ends belong to the range
   double max = +std::numeric_limits<double>::infinity();
@@ -56,8 +63,13 @@ struct Variable {
   bool required = false;           // essential, and a scenario that leaves it out is refused
   ExactIntegers* exact = nullptr;  // of a real whose values are integers of another program; else nullptr
   double nominal = 0;              // of a real: typical magnitude in `si`, to which tolerances are relative; 0: not declared
+  std::shared_ptr<const Elements> elements{};  // nullptr: they have no names, and all are in `si`
 
   Kind kind() const { return static_cast<Kind>(storage.index()); }
+  /// Whether elements differ in their units of measure.
+  bool mixed() const { return elements != nullptr && !elements->si.empty(); }
+  /// The unit of measure of an element, counted from 0.
+  const std::string& si_of(std::size_t element) const { return mixed() ? elements->si[element] : si; }
   std::size_t size() const {
     return std::visit([](auto s) { return s.size(); }, storage);
   }
@@ -100,6 +112,8 @@ class Variables {
     /// The typical magnitude of the real variable, in its unit of measure. It is not part of the fingerprint. Throws Error if
     /// it is not positive and finite, or the variable not real.
     Declared& nominal(double magnitude);
+    /// Names and units of measure of the elements; nullptr: none. Throws Error if there are not as many as elements.
+    Declared& elements(std::shared_ptr<const Elements> elements);
     /// The values of the real variable are 64-bit integers; `storage` keeps those of a text that double does not have.
     Declared& exact(ExactIntegers& storage);
 

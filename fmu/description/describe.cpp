@@ -96,7 +96,8 @@ StartValues start_of(const Variable& v, std::size_t first, std::size_t count) {
 /// Returns `count` elements of `v`, from `first` on, as an FMI variable.
 ModelVariable make_variable(const Variable& v, std::size_t first, std::size_t count) {
   ModelVariable out;
-  out.name = count == v.size() ? v.name : v.name + "[" + std::to_string(first + 1) + "]";
+  out.name = v.name;
+  if (count != v.size()) out.name.insert(v.name.size() - (v.name.ends_with(')') ? 1 : 0), "[" + std::to_string(first + 1) + "]");
   out.type = type_of(v.kind());
   out.description = v.description;
   out.variability = v.kind() == Kind::kReal && !v.discrete ? Variability::kContinuous : Variability::kDiscrete;
@@ -135,9 +136,9 @@ ModelVariable make_variable(const Variable& v, std::size_t first, std::size_t co
   }
   if (v.role != Role::kOutput) out.start = start_of(v, first, count);
   if (v.kind() == Kind::kReal) {
-    out.numeric.unit = v.si;
+    out.numeric.unit = v.si_of(first);
     if (v.nominal > 0) out.numeric.nominal = v.nominal;
-    if (const Quantity* q = quantity_of(v.si)) out.declared_type = q->name;
+    if (const Quantity* q = quantity_of(v.si_of(first))) out.declared_type = q->name;
   }
   if (v.kind() == Kind::kReal || v.kind() == Kind::kInteger) {
     if (std::isfinite(v.min)) out.numeric.min = v.min;
@@ -146,19 +147,21 @@ ModelVariable make_variable(const Variable& v, std::size_t first, std::size_t co
   return out;
 }
 
+/// The number of variables of the description that a variable is: arrays have one unit of measure, and FMI 2 has no arrays.
+std::size_t parts_of(const Variable& v, Version version) { return version == Version::k2 || v.mixed() ? v.size() : 1; }
+
 /// Adds the inputs on which an output depends directly, from the blocks of the unit's Jacobian.
 void add_dependencies(ModelDescription& d, const Unit& unit, const Variables& variables,
                       const std::map<std::string, std::size_t, std::less<>>& first_of) {
-  const bool scalars = d.version == Version::k2;
   for (const Partial& p : unit.partials()) {
     const Variable &unknown = variables.at(p.unknown), &known = variables.at(p.known);
     if (known.role != Role::kInput) continue;
-    const std::size_t rows = scalars ? unknown.size() : 1, columns = scalars ? known.size() : 1;
+    const std::size_t rows = parts_of(unknown, d.version), columns = parts_of(known, d.version);
     const std::size_t row = first_of.find(unknown.name)->second, column = first_of.find(known.name)->second;
     for (Unknown& output : d.structure.outputs) {
       if (output.variable < row || output.variable >= row + rows) continue;
       for (std::size_t j = 0; j < columns; ++j) {
-        if (!p.elementwise || columns == 1 || j == output.variable - row) output.dependencies->push_back(column + j);
+        if (!p.elementwise || columns == 1 || rows == 1 || j == output.variable - row) output.dependencies->push_back(column + j);
       }
     }
   }
@@ -171,7 +174,7 @@ constexpr std::size_t kLongestList = 2000;  // of dependencies; a host assumes a
 void add_initial_dependencies(ModelDescription& d, const Variables& variables,
                               const std::map<std::string, std::size_t, std::less<>>& first_of) {
   const auto append = [&](std::vector<std::size_t>& knowns, const Variable& v) {
-    const std::size_t elements = d.version == Version::k2 ? v.size() : 1;
+    const std::size_t elements = parts_of(v, d.version);
     for (std::size_t i = 0; i < elements; ++i) knowns.push_back(first_of.at(v.name) + i);
   };
   std::vector<std::size_t> parameters;
@@ -228,17 +231,19 @@ ModelDescription describe(const UnitType& type, const Unit& unit, const Variable
 
   std::vector<std::string> measures = {"s"};
   std::map<std::string, std::size_t, std::less<>> first_of;  // variable → index of its first element
+  const auto use = [&](const std::string& si) {
+    if (!si.empty() && std::find(measures.begin(), measures.end(), si) == measures.end()) measures.push_back(si);
+  };
   for (const Variable& v : variables) {
-    if (v.kind() == Kind::kReal && !v.si.empty() && std::find(measures.begin(), measures.end(), v.si) == measures.end())
-      measures.push_back(v.si);
-    const std::size_t parts = scalars ? v.size() : 1;
+    const std::size_t parts = parts_of(v, version);
     first_of[v.name] = d.variables.size();
     for (std::size_t part = 0; part < parts; ++part) {
       ModelVariable out = make_variable(v, part, v.size() / parts);
       out.reference = static_cast<std::uint32_t>(d.variables.size());
       const bool held = v.role == Role::kInput && v.kind() == Kind::kReal && v.rate.empty();
       out.interpolated = !(scalars && co.can_interpolate_inputs && held);
-      if (!scalars && v.size() > 1) out.dimensions.push_back({v.size(), std::nullopt});
+      if (!scalars && v.size() > parts) out.dimensions.push_back({v.size(), std::nullopt});
+      if (v.kind() == Kind::kReal) use(v.si_of(part));
       if (!v.derivative_of.empty()) out.derivative = first_of.at(v.derivative_of) + part;
       if (v.role == Role::kOutput) {
         // Outputs are computed at the end of a step. Values set afterwards do not change them, except through the
@@ -252,12 +257,15 @@ ModelDescription describe(const UnitType& type, const Unit& unit, const Variable
   for (const Variable& v : variables) {
     if (scalars || v.rate.empty()) continue;
     const Variable rate = rate_variable(v);
-    if (std::find(measures.begin(), measures.end(), rate.si) == measures.end()) measures.push_back(rate.si);
-    ModelVariable out = make_variable(rate, 0, rate.size());
-    out.reference = static_cast<std::uint32_t>(d.variables.size());
-    if (rate.size() > 1) out.dimensions.push_back({rate.size(), std::nullopt});
-    out.derivative = first_of.at(v.name);
-    d.variables.push_back(std::move(out));
+    const std::size_t parts = parts_of(rate, version);
+    for (std::size_t part = 0; part < parts; ++part) {
+      use(rate.si_of(part));
+      ModelVariable out = make_variable(rate, part, rate.size() / parts);
+      out.reference = static_cast<std::uint32_t>(d.variables.size());
+      if (rate.size() > parts) out.dimensions.push_back({rate.size(), std::nullopt});
+      out.derivative = first_of.at(v.name) + part;
+      d.variables.push_back(std::move(out));
+    }
   }
   add_dependencies(d, unit, variables, first_of);
   add_initial_dependencies(d, variables, first_of);

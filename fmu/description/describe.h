@@ -6,7 +6,8 @@ namespace cotwin::fmu {
 
 /// Returns the model description of an exported unit, without token and date. Start values are the current values of the
 /// variables. Value references: 0 is time; then, in the order of declaration, every element of every variable (FMI 2, "q[1]")
-/// or every variable as an array (FMI 3); in FMI 3 the slopes of inputs (rate.h) are last.
+/// or every variable as an array (FMI 3), but elements that differ in their units of measure, which are scalars there, too; in
+/// FMI 3 the slopes of inputs (rate.h) are last.
 /// Causality and variability follow from the role:
 ///   input → input, output → output, parameter → fixed, tunable → tunable parameter, state → local with an approximate start
 ///   value

@@ -28,7 +28,12 @@ inline Variable rate_variable(const Variable& input) {
   rate.name = rate_name(input.name);
   rate.role = Role::kInput;
   rate.storage = input.rate;
-  rate.si = rate_measure(input.si);
+  rate.si = input.mixed() ? "" : rate_measure(input.si);
+  if (input.mixed()) {
+    auto elements = std::make_shared<Elements>();
+    for (const std::string& si : input.elements->si) elements->si.push_back(rate_measure(si));
+    rate.elements = std::move(elements);
+  }
   rate.description = "slope of " + input.name + " over the next step; 0: " + input.name + " is held";
   return rate;
 }

@@ -104,20 +104,22 @@ void Exported::build() {
   for (const Variable& variable : variables_) {
     const bool computed = variable.role == Role::kOutput || variable.role == Role::kState;
     if (computed && variable.kind() == Kind::kReal) computed_.push_back(variable.reals());
-    if (references_ == References::kVariables) {
-      slots_.push_back({&variable, 0, variable.size()});
-    } else {
-      for (std::size_t i = 0; i < variable.size(); ++i) slots_.push_back({&variable, i, 1});
-    }
+    add_slots(variable);
   }
   if (references_ == References::kVariables) {
     for (const Variable& variable : variables_) {
       if (!variable.rate.empty()) rates_.push_back(rate_variable(variable));
     }
-    for (const Variable& rate : rates_) slots_.push_back({&rate, 0, rate.size()});
+    for (const Variable& rate : rates_) add_slots(rate);
   }
   find_partials();
   memory_ = {};
+}
+
+/// One for the variable, or for each element: arrays have one unit of measure.
+void Exported::add_slots(const Variable& variable) {
+  const std::size_t count = references_ == References::kVariables && !variable.mixed() ? variable.size() : 1;
+  for (std::size_t i = 0; i < variable.size(); i += count) slots_.push_back({&variable, i, count});
 }
 
 /// Destroys the unit and all references to it; keeps the time.

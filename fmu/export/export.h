@@ -135,6 +135,7 @@ class Exported {
   std::string name_of(const ReferencedValue& slot) const;
   void check_writable(const ReferencedValue& slot) const;
   const Saved& find(const void* saved) const;
+  void add_slots(const Variable& variable);
   void find_partials();
   std::size_t check_reals(std::span<const unsigned> references) const;
 

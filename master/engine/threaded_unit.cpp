@@ -22,17 +22,17 @@ template <class Storage>
 Variables::Declared declare_as(const Variable& v, Variables& variables, Storage storage) {
   switch (v.role) {
     case Role::kInput:
-      return variables.input(v.name, storage, v.si, v.description);
+      return variables.input(v.name, storage, v.si_of(0), v.description);
     case Role::kOutput:
-      return variables.output(v.name, storage, v.si, v.description);
+      return variables.output(v.name, storage, v.si_of(0), v.description);
     case Role::kParameter:
-      return variables.parameter(v.name, storage, v.si, v.description);
+      return variables.parameter(v.name, storage, v.si_of(0), v.description);
     case Role::kTunable:
-      return variables.tunable(v.name, storage, v.si, v.description);
+      return variables.tunable(v.name, storage, v.si_of(0), v.description);
     case Role::kState:
       break;
   }
-  return variables.state(v.name, storage, v.si, v.description);
+  return variables.state(v.name, storage, v.si_of(0), v.description);
 }
 
 // Signals are for the threads of the loop, whose wait they end.
@@ -124,7 +124,7 @@ void ThreadedUnit::declare(Variables& v) {
   for_each([&](const Variable& variable, auto, auto outer) {
     const Variable& now = present.at(variable.name);
     auto declared = declare_as(variable, v, outer);
-    declared.range(variable.min, variable.max);
+    declared.elements(variable.elements).range(variable.min, variable.max);
     if (variable.nominal > 0) declared.nominal(variable.nominal);
     if (now.essential) declared.essential();
     if (now.required) declared.required();

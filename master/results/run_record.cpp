@@ -103,8 +103,12 @@ ordered_json events(const Scenario& scenario) {
 ordered_json columns(std::span<const Column> columns) {
   ordered_json all = ordered_json::array();
   all.push_back({{"name", "time"}, {"elements", 1}, {"unit", "s"}});
-  for (const Column& column : columns)
-    all.push_back({{"name", column.signal.name}, {"elements", column.signal.count}, {"unit", column.signal.variable->si}});
+  for (const Column& column : columns) {
+    all.push_back({{"name", column.signal.name}, {"elements", column.signal.count}, {"unit", column.signal.si()}});
+    const Elements elements = column.signal.of_elements();
+    if (!elements.si.empty()) all.back()["units"] = elements.si;
+    if (!elements.names.empty()) all.back()["joints"] = elements.names;
+  }
   return all;
 }
 

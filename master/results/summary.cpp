@@ -13,7 +13,8 @@ namespace cotwin::master {
 
 namespace {
 
-constexpr std::size_t kLabel = 20, kCell = 10, kPerLine = 8;
+constexpr std::size_t kLabel = 20, kCell = 10, kWidth = 80;
+constexpr std::size_t kLongestName = 24;  // of a joint; of longer ones the middle is left out
 constexpr std::size_t kMostUnits = 20;  // with their own line in the table of times
 
 std::string number(double value, int digits = 4) { return std::isnan(value) ? "-" : text::to_text(value, digits); }
@@ -30,25 +31,62 @@ std::string right(const std::string& s, std::size_t columns) {
   return std::string(columns > width(s) ? columns - width(s) : 1, ' ') + s;
 }
 
+/// A text of at most kLongestName characters (bytes of a text that is not ASCII may be parted, so that is shown as it is).
+std::string shortened(const std::string& name) {
+  constexpr std::size_t kHalf = kLongestName / 2;
+  const bool ascii = width(name) == name.size();
+  if (name.size() <= kLongestName || !ascii) return name;
+  return name.substr(0, kHalf - 1) + "…" + name.substr(name.size() - kHalf);
+}
+
+/// Elements with the same unit of measure.
+struct ElementKind {
+  std::string si;
+  std::vector<std::size_t> elements;  // from 0
+
+  std::vector<double> of(const std::vector<double>& all) const {
+    std::vector<double> chosen;
+    for (const std::size_t i : elements) chosen.push_back(all[i]);
+    return chosen;
+  }
+};
+
+std::vector<ElementKind> kinds_of(const std::string& si, const Elements& elements, std::size_t size) {
+  std::vector<ElementKind> kinds;
+  for (std::size_t i = 0; i < size; ++i) {
+    const std::string& own = elements.si.empty() ? si : elements.si[i];
+    auto kind = std::ranges::find(kinds, own, &ElementKind::si);
+    if (kind == kinds.end()) kind = kinds.insert(kind, {own, {}});
+    kind->elements.push_back(i);
+  }
+  return kinds;
+}
+
 /// A table with a column per element and a last column for all; wide vectors take several blocks.
 class ElementTable {
  public:
-  explicit ElementTable(std::size_t elements) : elements_(elements) {}
+  ElementTable(const ElementKind& kind, const Elements& elements) : elements_(kind.elements.size()) {
+    for (const std::size_t i : kind.elements) {
+      heads_.push_back(elements.names.empty() ? "[" + std::to_string(i + 1) + "]" : shortened(elements.names[i]));
+      cells_.push_back(std::max(kCell, width(heads_.back()) + 2));
+    }
+    has_heads_ = elements_ > 1 || !elements.names.empty();
+  }
   void row(std::string label, std::vector<double> values, double all) {
     rows_.push_back({std::move(label), std::move(values), all});
   }
   void print(std::ostream& out) const {
-    for (std::size_t begin = 0; begin < elements_; begin += kPerLine) {
-      const std::size_t end = std::min(elements_, begin + kPerLine);
+    for (std::size_t begin = 0, end = 0; begin < elements_; begin = end) {
+      for (std::size_t used = 0; end < elements_ && (end == begin || used + cells_[end] <= kWidth); ++end) used += cells_[end];
       const bool last = end == elements_;
-      if (elements_ > 1) {
+      if (has_heads_) {
         out << left("", kLabel);
-        for (std::size_t i = begin; i < end; ++i) out << right("[" + std::to_string(i + 1) + "]", kCell);
-        out << (last ? right("all", kCell) : "") << '\n';
+        for (std::size_t i = begin; i < end; ++i) out << right(heads_[i], cells_[i]);
+        out << (last && elements_ > 1 ? right("all", kCell) : "") << '\n';
       }
       for (const Row& r : rows_) {
         out << left("  " + r.label, kLabel);
-        for (std::size_t i = begin; i < end; ++i) out << right(number(r.values[i]), kCell);
+        for (std::size_t i = begin; i < end; ++i) out << right(number(r.values[i]), cells_[i]);
         out << (last && elements_ > 1 ? right(number(r.all), kCell) : "") << '\n';
       }
     }
@@ -61,6 +99,9 @@ class ElementTable {
     double all;
   };
   std::size_t elements_;
+  std::vector<std::string> heads_;
+  std::vector<std::size_t> cells_;  // widths
+  bool has_heads_ = false;
   std::vector<Row> rows_;
 };
 
@@ -168,22 +209,27 @@ void write_head(std::ostream& out, const Summary& s, const Outcome& outcome) {
 
 void write_figures(std::ostream& out, const Summary& s) {
   for (const Tally& t : s.tallies) {
-    out << '\n' << heading(t.name, t.si, t.what) << '\n';
-    ElementTable table(t.rms.size());
-    table.row("RMS", t.rms, t.total_rms);
-    table.row("max", t.max, t.total_max);
-    table.print(out);
+    for (const ElementKind& kind : kinds_of(t.si, t.elements, t.rms.size())) {
+      out << '\n' << heading(t.name, kind.si, t.what) << '\n';
+      ElementTable table(kind, t.elements);
+      table.row("RMS", kind.of(t.rms), joined(kind.of(t.rms)));
+      table.row("max", kind.of(t.max), largest(kind.of(t.max)));
+      table.print(out);
+    }
   }
   for (const Compared& c : s.comparisons) {
-    out << '\n' << heading(c.name, c.si, c.what) << ", t = " << number(c.from, 6) << " to " << number(c.to, 6) << " s\n";
-    ElementTable table(c.max.size());
-    table.row("max |a - b|", c.max, largest(c.max));
-    table.row("at t [s]", c.time_of_max, std::numeric_limits<double>::quiet_NaN());
-    for (std::size_t k = 0; k < c.segment_rms.size(); ++k) {
-      table.row("RMS, part " + std::to_string(k + 1), c.segment_rms[k], joined(c.segment_rms[k]));
+    for (const ElementKind& kind : kinds_of(c.si, c.elements, c.max.size())) {
+      out << '\n' << heading(c.name, kind.si, c.what) << ", t = " << number(c.from, 6) << " to " << number(c.to, 6) << " s\n";
+      ElementTable table(kind, c.elements);
+      table.row("max |a - b|", kind.of(c.max), largest(kind.of(c.max)));
+      table.row("at t [s]", kind.of(c.time_of_max), std::numeric_limits<double>::quiet_NaN());
+      for (std::size_t k = 0; k < c.segment_rms.size(); ++k) {
+        const std::vector<double> rms = kind.of(c.segment_rms[k]);
+        table.row("RMS, part " + std::to_string(k + 1), rms, joined(rms));
+      }
+      table.row("RMS", kind.of(c.rms), joined(kind.of(c.rms)));
+      table.print(out);
     }
-    table.row("RMS", c.rms, joined(c.rms));
-    table.print(out);
   }
   if (!s.works.empty()) {
     out << '\n'
@@ -239,6 +285,12 @@ nlohmann::ordered_json finite(const std::vector<double>& values) {
 }
 
 using nlohmann::ordered_json;
+
+/// "unit"; "units" where elements differ; "joints": their names.
+void write_elements(ordered_json& entry, const Elements& elements) {
+  if (!elements.si.empty()) entry["units"] = elements.si;
+  if (!elements.names.empty()) entry["joints"] = elements.names;
+}
 
 /// The signals of a difference a − (factor · b + offset).
 void write_signals(ordered_json& entry, const std::string& a, const std::string& b, double factor, double offset) {
@@ -336,6 +388,7 @@ void write_json(std::ostream& out, const Summary& s, const Outcome& outcome) {
                             {"total_max", finite(t.total_max)}});
     write_signals(j["signals"].back(), t.a, t.b, t.factor, t.offset);
     if (t.attitude) j["signals"].back()["attitude"] = true;
+    write_elements(j["signals"].back(), t.elements);
   }
   j["comparisons"] = ordered_json::array();
   for (const Compared& c : s.comparisons) {
@@ -351,6 +404,7 @@ void write_json(std::ostream& out, const Summary& s, const Outcome& outcome) {
                                 {"segment_rms", segments},
                                 {"rms", finite(c.rms)}});
     write_signals(j["comparisons"].back(), c.a, c.b, c.factor, c.offset);
+    write_elements(j["comparisons"].back(), c.elements);
   }
   j["energy"] = ordered_json::array();
   for (const Work& w : s.works)
@@ -399,7 +453,10 @@ void write_json(std::ostream& out, const Summary& s, const Outcome& outcome) {
   j["rows"] = s.rows;
   j["dropped_rows"] = s.dropped_rows;
   j["end"] = ordered_json::object();
-  for (const Summary::End& end : s.ends) j["end"][end.name] = {{"unit", end.si}, {"values", finite(end.values)}};
+  for (const Summary::End& end : s.ends) {
+    j["end"][end.name] = {{"unit", end.si}, {"values", finite(end.values)}};
+    write_elements(j["end"][end.name], end.elements);
+  }
   j["notes"] = s.notes;
   j["warnings"] = s.warnings;
   out << j.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace) << '\n';

@@ -69,6 +69,7 @@ struct Summary {
   struct End {
     std::string name, si;        // "drive.q"
     std::vector<double> values;  // all of its elements
+    Elements elements{};
   };
   std::string scenario;
   double start = 0, reached = 0, stop = 0;  // s

@@ -24,10 +24,10 @@ std::string prefix_of(const std::string& name) {
 }
 std::string last_part(const std::string& name) { return name.substr(prefix_of(name).size()); }
 
-bool is_effort(const Variable& v) { return v.kind() == Kind::kReal && (v.si == "N.m" || v.si == "N"); }
+bool is_effort(const Variable& v) { return v.kind() == Kind::kReal && (v.si_of(0) == "N.m" || v.si_of(0) == "N"); }
 
 bool alike(const Variable& a, const Variable& b) {
-  return a.kind() == Kind::kReal && b.kind() == Kind::kReal && a.si == b.si && a.size() == b.size();
+  return a.kind() == Kind::kReal && b.kind() == Kind::kReal && a.size() == b.size() && a.si_of(0) == b.si_of(0);
 }
 
 /// The numbers of a text in a uniform notation.

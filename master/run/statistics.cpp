@@ -26,18 +26,21 @@ double root_mean(double squares, std::int64_t count) {
 
 Statistics::Difference Statistics::make_difference(const Signal& a, const Signal* b, std::string name,
                                                    const std::string& place) {
-  Difference d{std::move(name), a.name, a.variable->si, a.reals(), {}, 1, 0, a.name, ""};
+  Difference d{std::move(name), a.name, a.si(), a.reals(), {}, 1, 0, a.name, "", false, a.of_elements()};
   if (b) {
     d.what = a.name + " - " + b->name;
     d.name_of_b = b->name;
     if (a.count != b->count) {
       fail(place, d.what + ": " + std::to_string(a.count) + " elements cannot be compared with " + std::to_string(b->count));
     }
-    if (!a.variable->si.empty() && !b->variable->si.empty()) {
-      const si::Measure to = si::parse(a.variable->si), from = si::parse(b->variable->si);
-      if (!si::convertible(from, to))
-        fail(place, d.what + ": " + a.variable->si + " cannot be compared with " + b->variable->si);
+    for (std::size_t i = 0; i < a.count; ++i) {
+      const std::string &of_a = a.variable->si_of(a.first + i), &of_b = b->variable->si_of(b->first + i);
+      if (of_a.empty() || of_b.empty()) continue;
+      const si::Measure to = si::parse(of_a), from = si::parse(of_b);
+      if (!si::convertible(from, to)) fail(place, d.what + ": " + of_a + " cannot be compared with " + of_b);
       const si::Conversion conversion = si::conversion(from, to);
+      if (i > 0 && (conversion.factor != d.factor || conversion.offset != d.offset))
+        fail(place, d.what + ": elements are converted differently, expected a comparison of each");
       d.factor = conversion.factor;
       d.offset = conversion.offset;
     }
@@ -215,7 +218,7 @@ std::vector<Tally> Statistics::tallies() const {
   std::size_t first = 0;
   for (const Difference& d : tallies_) {
     Tally& tally = result.emplace_back(
-        Tally{d.name, d.what, d.si, {}, {}, {}, 0, 0, d.name_of_a, d.name_of_b, d.factor, d.offset, d.attitude});
+        Tally{d.name, d.what, d.si, {}, {}, {}, 0, 0, d.name_of_a, d.name_of_b, d.factor, d.offset, d.attitude, d.elements});
     double squares = 0;
     for (const Tallied& t : std::span(tallied_).subspan(first, d.a.size())) {
       tally.rms.push_back(root_mean(t.sum.squares, samples_));
@@ -225,6 +228,7 @@ std::vector<Tally> Statistics::tallies() const {
       tally.total_max = std::max(tally.total_max, t.sum.max);
     }
     tally.total_rms = root_mean(squares, samples_ * static_cast<std::int64_t>(d.a.size()));
+    if (!d.elements.si.empty()) tally.total_rms = tally.total_max = std::numeric_limits<double>::quiet_NaN();
     first += d.a.size();
   }
   return result;
@@ -241,7 +245,7 @@ std::vector<Compared> Statistics::comparisons() const {
   for (const ComparisonState& c : comparisons_) {
     const Difference& d = c.difference;
     Compared& compared = result.emplace_back(Compared{
-        d.name, d.what, d.si, c.from.seconds(), c.to.seconds(), {}, {}, {}, {}, d.name_of_a, d.name_of_b, d.factor, d.offset});
+        d.name, d.what, d.si, c.from.seconds(), c.to.seconds(), {}, {}, {}, {}, d.name_of_a, d.name_of_b, d.factor, d.offset, d.elements});
     for (const Sum& e : c.all.elements) {
       compared.max.push_back(e.max);
       compared.time_of_max.push_back(e.time_of_max.seconds());

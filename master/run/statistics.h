@@ -24,6 +24,7 @@ struct Tally {
   std::string a{}, b{};                 // the signals; b is empty if there is one alone
   double factor = 1, offset = 0;        // a − (factor · b + offset)
   bool attitude = false;                // a and b are quaternions
+  Elements elements{};                  // where units of measure differ, there are no totals (NaN), and `si` is ""
 };
 
 /// ∫ Σ effort · flow dt, split into positive and negative parts element by element: if one joint drives and another brakes,
@@ -43,6 +44,7 @@ struct Compared {
   std::vector<double> rms;                       // per element, over all segments
   std::string a{}, b{};                          // the signals
   double factor = 1, offset = 0;                 // a − (factor · b + offset)
+  Elements elements{};                           // as of Tally
 };
 
 class Statistics {
@@ -77,6 +79,7 @@ class Statistics {
     double factor = 1, offset = 0;
     std::string name_of_a{}, name_of_b{};
     bool attitude = false;
+    Elements elements{};
   };
   /// A rotation vector between two quaternions.
   struct Attitude {

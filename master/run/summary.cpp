@@ -89,7 +89,8 @@ Summary Master::Loop::summary() const {
     for (const std::string& note : notes) s.notes.push_back(members_[m].name() + ": " + note);
     for (const Variable& variable : members_[m].variables()) {
       if (variable.role != Role::kOutput || variable.kind() == Kind::kString || variable.size() > kMostElementsOfEnds) continue;
-      s.ends.push_back({members_[m].name() + "." + variable.name, variable.si, values_of(variable)});
+      s.ends.push_back({members_[m].name() + "." + variable.name, variable.si, values_of(variable),
+                        variable.elements != nullptr ? *variable.elements : Elements{}});
     }
     if (const std::int64_t count = control_.discarded_by()[m]; count > 0)
       s.discarded_by.emplace_back(members_[m].name(), count);

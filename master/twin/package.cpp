@@ -38,7 +38,7 @@ class FileNames {
 /// Appends values of elements, in the variable's own unit of measure; none of a string.
 void append(ParameterSet& set, const Variable& v, std::size_t first, std::size_t count) {
   for (std::size_t i = first; i < first + count && v.kind() != Kind::kString; ++i) {
-    ParameterValue value{v.size() == 1 ? v.name : v.name + "[" + std::to_string(i + 1) + "]", 0.0, v.si, ""};
+    ParameterValue value{v.size() == 1 ? v.name : v.name + "[" + std::to_string(i + 1) + "]", 0.0, v.si_of(i), ""};
     if (v.kind() == Kind::kReal) value.value = v.reals()[i];
     if (v.kind() == Kind::kInteger) value.value = std::int64_t{v.integers()[i]};
     if (v.kind() == Kind::kBoolean) value.value = static_cast<bool>(v.booleans()[i]);

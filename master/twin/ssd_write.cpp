@@ -132,9 +132,12 @@ class Writer {
         .open();
     Tag(out_, 4, "ssd:Connectors").open();
     for (const Variable& v : member.variables()) {
-      const auto write = [&](const std::string& name) { write_connector(name, v, components_[m].foreign ? "" : v.si); };
+      const auto write = [&](const std::string& name) {
+        const std::ptrdiff_t element = find_element(member.variables(), name).element;
+        write_connector(name, v, components_[m].foreign ? "" : v.si_of(static_cast<std::size_t>(std::max<std::ptrdiff_t>(element, 0))));
+      };
       std::set<std::string> linked = linked_connectors(v);
-      for (const std::string& name : connectors_of(v, 0, v.size(), scalars_)) {
+      for (const std::string& name : connectors_of(v, 0, v.size(), scalars_ || v.mixed())) {
         const bool is_linked = linked.erase(name) != 0, has_value = components_[m].valued.count(name) != 0;
         // FMPy stops at an output that is no number and connects inputs without a connection; openMCx stops at parameters without a value.
         const bool is_output = v.role == Role::kOutput && v.kind() != Kind::kString;
@@ -166,10 +169,14 @@ class Writer {
     std::set<std::string> names;
     for (const ResolvedConnection& link : links_) {
       for (const Signal* end : {&link.from, &link.to}) {
-        if (end->variable == &variable) names.merge(set_of(connectors_of(variable, end->first, end->count, scalars_)));
+        if (end->variable == &variable) names.merge(set_of(connectors_of(variable, end->first, end->count, scalars(link))));
       }
     }
     return names;
+  }
+  /// Whether FMUs have elements in place of the vectors that it connects (fmu::describe).
+  bool scalars(const ResolvedConnection& link) const {
+    return scalars_ || link.from.variable->mixed() || link.to.variable->mixed();
   }
   static std::set<std::string> set_of(const std::vector<std::string>& names) { return {names.begin(), names.end()}; }
 
@@ -198,8 +205,8 @@ class Writer {
   }
 
   void write_connections(const ResolvedConnection& link, const ConnectionSpec& spec) {
-    const auto from = connectors_of(*link.from.variable, link.from.first, link.from.count, scalars_);
-    const auto to = connectors_of(*link.to.variable, link.to.first, link.to.count, scalars_);
+    const auto from = connectors_of(*link.from.variable, link.from.first, link.from.count, scalars(link));
+    const auto to = connectors_of(*link.to.variable, link.to.first, link.to.count, scalars(link));
     const bool affine = link.factor != 1 || link.offset != 0;
     for (std::size_t i = 0; i < from.size(); ++i) {
       Tag tag(out_, 3, "ssd:Connection");

@@ -17,17 +17,17 @@ template <class Storage>
 Variables::Declared declare_as(Role role, Variables& variables, const std::string& name, Storage storage, const Variable& v) {
   switch (role) {
     case Role::kInput:
-      return variables.input(name, storage, v.si, v.description);
+      return variables.input(name, storage, v.si_of(0), v.description);
     case Role::kOutput:
-      return variables.output(name, storage, v.si, v.description);
+      return variables.output(name, storage, v.si_of(0), v.description);
     case Role::kParameter:
-      return variables.parameter(name, storage, v.si, v.description);
+      return variables.parameter(name, storage, v.si_of(0), v.description);
     case Role::kTunable:
-      return variables.tunable(name, storage, v.si, v.description);
+      return variables.tunable(name, storage, v.si_of(0), v.description);
     case Role::kState:
       break;
   }
-  return variables.state(name, storage, v.si, v.description);
+  return variables.state(name, storage, v.si_of(0), v.description);
 }
 
 /// A variable of the twin.
@@ -150,12 +150,12 @@ void Twin::declare(Variables& variables) {
       std::visit(
           [&](auto storage) {
             auto declared = declare_as(role, variables, name, storage, v);
-            declared.range(v.min, v.max);
+            declared.elements(v.elements).range(v.min, v.max);
             if (v.nominal > 0) declared.nominal(v.nominal);
             if (role == Role::kOutput && v.has_start) declared.start();
             if (role == Role::kOutput && v.discrete) declared.discrete();
             if (role == Role::kOutput) declared.initially_from(initial.of(member, v));
-            if (role == Role::kInput || role == Role::kTunable) declare_as(role, outside_, name, storage, v);
+            if (role == Role::kInput || role == Role::kTunable) declare_as(role, outside_, name, storage, v).elements(v.elements);
           },
           v.storage);
     }

@@ -422,7 +422,7 @@ bool ForeignVariables::send_rate_inputs(ForeignInstance& instance) {
       moved = moved || nonzero_rate_[i];
     }
     if (!moves && !moved) continue;
-    instance.set(Type::kFloat64, {&*item->rate_reference, 1}, rate_scratch_.data() + first, item->size, nullptr);
+    instance.set(Type::kFloat64, item->rate_references, rate_scratch_.data() + first, item->size, nullptr);
     for (std::size_t i = first; i < first + item->size; ++i) nonzero_rate_[i] = moves;
     any = true;
   }

@@ -193,7 +193,7 @@ void ForeignVariables::collect(const ForeignVariablesOptions& options) {
     item.type = v.type;
     item.continuous = v.variability == Variability::kContinuous;
     item.interpolated = v.interpolated && (rates.empty() || rate_of.count(v.name) != 0);
-    if (const auto rate = rate_of.find(v.name); rate != rate_of.end()) item.rate_reference = rate->second;
+    if (const auto rate = rate_of.find(v.name); rate != rate_of.end()) item.rate_references = {rate->second};
     item.references = {v.reference};
     item.size = index.elements(v, chosen);
     item.start = v.start;
@@ -235,7 +235,7 @@ void ForeignVariables::collect(const ForeignVariablesOptions& options) {
       items_.push_back(item);
     }
   }
-  if (description_.version == Version::k2) collect_vectors(items_);
+  if (description_.version == Version::k2 || description_.generation_tool == kGenerationTool) collect_vectors(items_);
   if (options.slopes) collect_slopes();
   if (clocks && !options.clocks)
     warnings_.push_back(
@@ -356,7 +356,7 @@ void ForeignVariables::lay_out() {
     rate_references_.resize(rates_.size());
     nonzero_rate_.assign(rates_.size(), false);
     for (const Item& item : items_) {
-      if (item.rate_reference) rated_items_.push_back(&item);
+      if (!item.rate_references.empty()) rated_items_.push_back(&item);
     }
   }
 }
@@ -406,9 +406,10 @@ const ForeignVariables::Item* ForeignVariables::antiderivative(const Item& item,
   if (found == first.end()) return nullptr;
   const Item& of = *found->second;
   if (of.references != item.derivative_of || &of >= &item || of.size != item.size || of.si.empty()) return nullptr;
-  si::Measure expected = si::parse(of.si);
-  expected.exponents[2] -= 1;  // per second
-  return si::convertible(expected, si::parse(item.si)) ? &of : nullptr;
+  for (std::size_t i = 0; i < item.size; ++i) {
+    if (!si::is_rate(item.si_of(i), of.si_of(i))) return nullptr;
+  }
+  return &of;
 }
 
 void ForeignVariables::declare(Variables& variables) {
@@ -438,6 +439,7 @@ void ForeignVariables::declare(Variables& variables) {
       };
       Variables::Declared declared = add();
       declared.range(item.min, item.max);
+      if (!item.element_si.empty()) declared.elements(std::make_shared<const Elements>(Elements{{}, item.element_si}));
       if (is_wide(item.type)) declared.exact(exact_);
       if (item.nominal > 0) declared.nominal(item.nominal);
       if (item.role == Role::kOutput && item.settable) declared.start();

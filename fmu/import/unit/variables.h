@@ -50,7 +50,7 @@ struct ForeignVariablesOptions {
 /// boolean, if requested. The independent variable is omitted.
 /// Kinds: floats → real; Int8 … Int32, UInt8, UInt16, enumerations → integer; Int64, UInt32, UInt64 →
 /// real, where 64-bit start values that double does not have are sent exactly and results are an Error; other integers are clamped to the type's range when set; booleans; strings; binaries → string of hexadecimal digits,
-/// as in modelDescription.xml. Arrays are vectors, row by row. In FMI 2, similar scalars q[1] … q[n] become the vector q. Units
+/// as in modelDescription.xml. Arrays are vectors, row by row. In FMI 2, and in FMUs of Cotwin, similar scalars q[1] … q[n] become the vector q. Units
 /// of measure: values are converted to SI by the FMU's definition of the unit, else by the unit's name. Values with an unknown
 /// unit are not converted and have no unit.
 class ForeignVariables {
@@ -153,7 +153,9 @@ class ForeignVariables {
     bool settable = false;                        // its start value may be set …
     bool structural = false;                      // … in Configuration Mode
     bool interpolated = true;                     // may have a rate if the FMU interpolates inputs
-    std::optional<std::uint32_t> rate_reference;  // value reference of the input that is its rate
+    std::vector<std::uint32_t> rate_references;  // of the inputs that are its rate
+    std::vector<std::string> element_si;         // where elements differ; then `si` is that of the first
+    const std::string& si_of(std::size_t element) const { return element_si.empty() ? si : element_si[element]; }
     StartValues start;
   };
   /// Values of one type that one call of the C interface exchanges. Their elements are contiguous in the storage.

@@ -20,13 +20,16 @@ double power_factor(const Signal& effort, const Signal& flow, const std::string&
     fail(place, effort.name + " * " + flow.name + ": " + std::to_string(effort.count) + " elements of effort, " +
                     std::to_string(flow.count) + " of flow");
   }
-  if (effort.variable->si.empty() || flow.variable->si.empty()) return 1;
-  const si::Measure e = si::parse(effort.variable->si), f = si::parse(flow.variable->si);
-  if (!is_power(e, f)) {
-    fail(place,
-         effort.name + " * " + flow.name + ": " + effort.variable->si + " times " + flow.variable->si + " is not a power");
+  double factor = 1;
+  const bool mixed = effort.variable->mixed() || flow.variable->mixed();
+  for (std::size_t i = 0; i < effort.count && (i == 0 || mixed); ++i) {
+    const std::string &of_effort = effort.variable->si_of(effort.first + i), &of_flow = flow.variable->si_of(flow.first + i);
+    if (of_effort.empty() || of_flow.empty()) return 1;
+    const si::Measure e = si::parse(of_effort), f = si::parse(of_flow);
+    if (!is_power(e, f)) fail(place, effort.name + " * " + flow.name + ": " + of_effort + " times " + of_flow + " is not a power");
+    factor = e.factor * f.factor;
   }
-  return e.factor * f.factor;
+  return factor;
 }
 
 void Bonds::Quantity::at_begin(double h) {

@@ -184,10 +184,13 @@ void check_connector(const ConnectorSpec& connector, const Member& member, const
     fail(connector.place, "connector " + in_quotes(full) + " is " + connector.type + ", but the variable is " +
                               std::string(name_of(variable->kind())));
   }
-  if (!connector.unit.empty() && !variable->si.empty() &&
-      !si::convertible(measure(scenario, connector.unit), si::parse(variable->si))) {
-    fail(connector.place,
-         "connector " + in_quotes(full) + ": " + connector.unit + " is not a measure of a variable in " + variable->si);
+  if (connector.unit.empty()) return;
+  const std::size_t first = element < 0 ? 0 : static_cast<std::size_t>(element);
+  const std::size_t last = element < 0 && variable->mixed() ? variable->size() - 1 : first;
+  for (std::size_t i = first; i <= last; ++i) {
+    const std::string& si = variable->si_of(i);
+    if (!si.empty() && !si::convertible(measure(scenario, connector.unit), si::parse(si)))
+      fail(connector.place, "connector " + in_quotes(full) + ": " + connector.unit + " is not a measure of a variable in " + si);
   }
 }
 

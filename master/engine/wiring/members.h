@@ -43,6 +43,10 @@ struct Signal {
   std::string name;                  // "drive.tau_J", "drive.tau_J[3]"
 
   std::span<double> reals() const { return variable->reals().subspan(first, count); }
+  /// The unit of measure of its elements; "" where they differ.
+  std::string si() const { return of_elements().si.empty() ? variable->si_of(first) : ""; }
+  /// Names and units of measure of its elements.
+  Elements of_elements() const;
 };
 
 /// Builds each component's unit or loads its FMU, compares the connectors of the SSD with its variables and applies the start

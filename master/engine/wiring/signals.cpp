@@ -65,6 +65,18 @@ std::optional<double> Member::start_of(const Variable& variable, std::size_t ele
   return found != given.end() ? std::optional(found->value) : std::nullopt;
 }
 
+Elements Signal::of_elements() const {
+  Elements part;
+  if (variable->elements == nullptr) return part;
+  const auto slice = [&](const std::vector<std::string>& all) {
+    const auto begin = all.begin() + static_cast<std::ptrdiff_t>(all.empty() ? 0 : first);
+    return std::vector<std::string>(begin, all.empty() ? begin : begin + static_cast<std::ptrdiff_t>(count));
+  };
+  part = {slice(variable->elements->names), slice(variable->elements->si)};
+  if (std::ranges::adjacent_find(part.si, std::ranges::not_equal_to()) == part.si.end()) part.si.clear();
+  return part;
+}
+
 std::string element_name(const std::string& member, const Variable& variable, std::size_t element) {
   const std::string name = member + "." + variable.name;
   return variable.size() == 1 ? name : name + "[" + std::to_string(element + 1) + "]";

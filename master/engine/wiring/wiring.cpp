@@ -61,7 +61,7 @@ class Resolver {
   std::vector<std::optional<ByName>> derivatives_;  // per member: name → its derivative; filled at the first use
 };
 
-std::string measure_at(const Port& port, const Variable& variable) { return port.unit.empty() ? variable.si : port.unit; }
+const std::string& measure_at(const Port& port, const std::string& si) { return port.unit.empty() ? si : port.unit; }
 
 ResolvedConnection Resolver::resolve(const ConnectionSpec& connection) {
   const std::string from_name = connection.from.component + "." + connection.from.variable;
@@ -94,13 +94,20 @@ ResolvedConnection Resolver::resolve(const ConnectionSpec& connection) {
   }
 
   if (to.kind() == Kind::kReal) {
-    const std::string from_si = measure_at(connection.from, from), to_si = measure_at(connection.to, to);
-    si::Conversion total = convert(from.si, from_si, place, what);
-    if (!connection.suppress_unit_conversion) total = then(total, convert(from_si, to_si, place, what));
-    total = then(total, {connection.factor, connection.offset});
-    total = then(total, convert(to_si, to.si, place, what));
-    link.factor = total.factor;
-    link.offset = total.offset;
+    const std::size_t measures = from.mixed() || to.mixed() ? link.from.count : 1;
+    for (std::size_t i = 0; i < measures; ++i) {
+      const std::string &a = from.si_of(link.from.first + i), &b = to.si_of(link.to.first + i);
+      const std::string element = measures == 1 ? what : what + ", element " + std::to_string(i + 1);
+      const std::string &from_si = measure_at(connection.from, a), &to_si = measure_at(connection.to, b);
+      si::Conversion total = convert(a, from_si, place, element);
+      if (!connection.suppress_unit_conversion) total = then(total, convert(from_si, to_si, place, element));
+      total = then(total, {connection.factor, connection.offset});
+      total = then(total, convert(to_si, b, place, element));
+      if (i > 0 && (total.factor != link.factor || total.offset != link.offset))
+        fail(place, element + ": is converted otherwise than those before, expected a connection of its own");
+      link.factor = total.factor;
+      link.offset = total.offset;
+    }
   } else if (connection.factor != 1 || connection.offset != 0) {
     fail(place, what + ": a linear transformation needs reals, the input is " + std::string(name_of(to.kind())));
   }

@@ -26,7 +26,7 @@ class Parameters {
  public:
   Parameters(ParameterSet& set, const robot::RobotModel& robot) : set_(set), measures_(&robot) {}
   void add(const char* name, std::size_t joint, double value) {
-    const std::string si = measures_.si(robot::drive_parameter(name).si);
+    const std::string si = measures_.si(robot::drive_parameter(name).si, joint);
     set_.values.push_back({std::string(name) + "[" + std::to_string(joint + 1) + "]", value, si, ""});
   }
 
