@@ -67,8 +67,8 @@ class Interpolated {
 
 RecordingComparison compare_recordings(const LoadedRecording& reference, const LoadedRecording& other) {
   RecordingComparison comparison;
-  RowReader reader(reference.file, reference.time);
-  const std::vector<std::string> others = RowReader(other.file, other.time).names();
+  RowReader reader(reference.file, reference.time, {}, reference.facts);
+  const std::vector<std::string> others = RowReader(other.file, other.time, {}, other.facts).names();
   std::unordered_map<std::string_view, std::size_t> index;
   for (std::size_t i = 0; i < others.size(); ++i) index.emplace(others[i], i);
   std::vector<std::size_t> mine, theirs;

@@ -103,15 +103,18 @@ void compare_summaries(Page& page, std::span<const Results> all) {
   for (std::size_t i = 0; i < all.size(); ++i) {
     const json& summary = all[i].summary;
     for (const json& tally : list_of(member(summary, "signals"))) {
-      const std::string name = with_unit(text_of(member(tally, "name")), text_of(member(tally, "unit")));
-      figures.add(name + ", RMS", i, number_of(member(tally, "total_rms")));
-      figures.add(name + ", largest", i, number_of(member(tally, "total_max")));
+      const std::vector<double> rms = numbers_of(member(tally, "rms")), most = numbers_of(member(tally, "max"));
+      for (const master::ElementKind& kind : kinds_of(tally, rms.size())) {
+        const std::string name = with_unit(text_of(member(tally, "name")), kind.si);
+        figures.add(name + ", RMS", i, master::joined_rms(kind.of(rms)));
+        figures.add(name + ", largest", i, master::largest_of(kind.of(most)));
+      }
     }
     for (const json& compared : list_of(member(summary, "comparisons"))) {
-      const std::string name = with_unit(text_of(member(compared, "name")), text_of(member(compared, "unit")));
-      double most = std::nan("");
-      for (const double value : numbers_of(member(compared, "max"))) most = std::fmax(most, value);
-      figures.add(name + ", largest |a − b|", i, most);
+      const std::vector<double> most = numbers_of(member(compared, "max"));
+      for (const master::ElementKind& kind : kinds_of(compared, most.size()))
+        figures.add(with_unit(text_of(member(compared, "name")), kind.si) + ", largest |a − b|", i,
+                    master::largest_of(kind.of(most)));
     }
     for (const json& work : list_of(member(summary, "energy")))
       energy.add(text_of(member(work, "name")), i, number_of(member(work, "value")));
@@ -218,7 +221,7 @@ void compare_two(Page& page, std::span<const Results> all, std::size_t other, co
       continue;
     }
     table.row({with_unit(signal.name, signal.unit), largest, signal.curves[worst].figures().t_of_largest(),
-               element_of(signal.elements[worst]), std::sqrt(squares / count)});
+               element_of(*reference.recording, signal.elements[worst]), std::sqrt(squares / count)});
     different.push_back(&signal);
   }
   if (equal > 0)
@@ -231,7 +234,7 @@ void compare_two(Page& page, std::span<const Results> all, std::size_t other, co
     plot.y_label = signal->unit == "1" ? "difference" : "difference " + signal->unit;
     plot.description = "Difference of " + signal->name + " between " + b.name + " and " + reference.name;
     for (std::size_t i = 0; i < std::min(signal->curves.size(), kStyles); ++i)
-      plot.lines.push_back({element_of(signal->elements[i]), signal->curves[i].points(), i});
+      plot.lines.push_back({element_of(*reference.recording, signal->elements[i]), signal->curves[i].points(), i});
     Artist(page, gnuplot).plot(std::move(plot), "Difference");
     write_overlay(page, all, *signal, gnuplot);
   }

@@ -108,14 +108,14 @@ void write_run_facts(Page& page, const Results& results) {
   if (!components.empty()) page.table(components, "Components");
 }
 
-/// Figures by element: one row a figure, or one row an element if the vector is long.
+/// Figures by element of one kind: one row a figure, or one row an element if the vector is long. `names`: of the elements.
 void write_elements(Page& page, const std::string& caption,
-                    const std::vector<std::pair<std::string, std::vector<double>>>& rows, const std::vector<double>& all) {
-  std::size_t elements = 0;
-  for (const auto& [name, values] : rows) elements = std::max(elements, values.size());
+                    const std::vector<std::pair<std::string, std::vector<double>>>& rows, const std::vector<double>& all,
+                    const std::vector<std::string>& names) {
+  const std::size_t elements = names.size();
   std::vector<std::string> heads = {""};
   if (elements <= kMostElements) {
-    for (std::size_t i = 1; i <= elements; ++i) heads.push_back(elements == 1 ? "value" : "[" + std::to_string(i) + "]");
+    for (const std::string& name : names) heads.push_back(elements == 1 && name.starts_with('[') ? "value" : name);
     if (elements > 1 && !all.empty()) heads.push_back("all");
     Table table(heads);
     for (std::size_t r = 0; r < rows.size(); ++r) {
@@ -131,7 +131,7 @@ void write_elements(Page& page, const std::string& caption,
   for (const auto& [name, values] : rows) heads.push_back(name);
   Table table(heads);
   for (std::size_t i = 0; i < std::min(elements, kMostRowsOfRun); ++i) {
-    std::vector<Cell> cells = {"[" + std::to_string(i + 1) + "]"};
+    std::vector<Cell> cells = {names[i]};
     for (const auto& [name, values] : rows) cells.push_back(i < values.size() ? Cell(values[i]) : Cell(""));
     table.row(std::move(cells));
   }
@@ -139,22 +139,38 @@ void write_elements(Page& page, const std::string& caption,
                                                          : std::string()));
 }
 
-std::string heading_of(const json& entry) {
+/// The figures of an entry of the summary, a table for each unit of measure. `totals`: as many rows have one, of all elements of a table.
+void write_entry(Page& page, const json& entry, const std::vector<std::pair<std::string, std::vector<double>>>& rows,
+                 const std::string& time, bool totals) {
+  std::size_t size = 0;
+  for (const auto& [name, values] : rows) size = std::max(size, values.size());
+  const std::vector<std::string> joints = texts_of(member(entry, "joints"));
   const std::string name = text_of(member(entry, "name")), what = text_of(member(entry, "what"));
-  return with_unit(name, text_of(member(entry, "unit"))) + (name == what || what.empty() ? "" : ": " + what);
+  for (const master::ElementKind& kind : kinds_of(entry, size)) {
+    std::vector<std::pair<std::string, std::vector<double>>> chosen;
+    for (const auto& [figure, values] : rows) chosen.emplace_back(figure, kind.of(values));
+    std::vector<double> all;
+    if (totals)
+      all = {master::joined_rms(chosen[0].second), master::largest_of(chosen[1].second),
+             std::numeric_limits<double>::quiet_NaN()};
+    std::vector<std::string> names;
+    for (const std::size_t i : kind.elements)
+      names.push_back(i < joints.size() ? joints[i] : "[" + std::to_string(i + 1) + "]");
+    write_elements(page, with_unit(name, kind.si) + (name == what || what.empty() ? "" : ": " + what) + time, chosen, all,
+                   names);
+  }
 }
 
 void write_figures(Page& page, const json& summary) {
   const json::array_t &tallies = list_of(member(summary, "signals")), &comparisons = list_of(member(summary, "comparisons"));
   if (tallies.empty() && comparisons.empty()) return;
   page.heading(3, "Figures of the run");
-  constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
   for (const json& tally : tallies) {
-    write_elements(page, heading_of(tally),
-                   {{"RMS", numbers_of(member(tally, "rms"))},
-                    {"largest magnitude", numbers_of(member(tally, "max"))},
-                    {"at t [s]", numbers_of(member(tally, "time_of_max"))}},
-                   {number_of(member(tally, "total_rms")), number_of(member(tally, "total_max")), kNone});
+    write_entry(page, tally,
+                {{"RMS", numbers_of(member(tally, "rms"))},
+                 {"largest magnitude", numbers_of(member(tally, "max"))},
+                 {"at t [s]", numbers_of(member(tally, "time_of_max"))}},
+                "", true);
   }
   for (const json& compared : comparisons) {
     std::vector<std::pair<std::string, std::vector<double>>> rows = {{"largest |a − b|", numbers_of(member(compared, "max"))},
@@ -164,10 +180,10 @@ void write_figures(Page& page, const json& summary) {
       if (part < 16) rows.emplace_back("RMS, part " + std::to_string(++part), numbers_of(segment));
     }
     rows.emplace_back("RMS", numbers_of(member(compared, "rms")));
-    write_elements(page,
-                   heading_of(compared) + ", t = " + number(number_of(member(compared, "from")), 6) + " to " +
-                       number(number_of(member(compared, "to")), 6) + " s",
-                   rows, {});
+    write_entry(page, compared, rows,
+                ", t = " + number(number_of(member(compared, "from")), 6) + " to " +
+                    number(number_of(member(compared, "to")), 6) + " s",
+                false);
   }
 }
 
@@ -267,7 +283,7 @@ void write_contacts(Page& page, const LoadedRecording& recording, const Gnuplot&
     for (const char* name : {".force", ".f_c[1]", ".f_c[2]", ".f_c[3]"}) {
       const RecordedColumn* column = recording.find(component + name);
       if (column != nullptr && column->plotted)
-        plot.lines.push_back({element_of(column->name), column->curve.points(), plot.lines.size()});
+        plot.lines.push_back({element_of(recording, column->name), column->curve.points(), plot.lines.size()});
     }
     for (const ContactSpan& span : recording.contacts) {
       if (span.component == component) plot.shaded.emplace_back(span.begin, span.end);
@@ -286,13 +302,17 @@ void write_residuals(Page& page, const LoadedRecording& recording, const Gnuplot
       page.paragraph(caption + " was not recorded: record both signals to see it over time.");
       continue;
     }
-    for (std::size_t first = 0; first < residual.curves.size(); first += kStyles) {
-      Plot plot;
-      plot.y_label = residual.unit;
-      plot.description = residual.name + " over time";
-      for (std::size_t i = first; i < std::min(first + kStyles, residual.curves.size()); ++i)
-        plot.lines.push_back({element_of(residual.elements[i]), residual.curves[i].points(), i - first});
-      Artist(page, gnuplot).plot(std::move(plot), caption);
+    for (const master::ElementKind& kind : master::kinds_of(residual.unit, {{}, residual.units}, residual.curves.size())) {
+      for (std::size_t first = 0; first < kind.elements.size(); first += kStyles) {
+        Plot plot;
+        plot.y_label = kind.si;
+        plot.description = residual.name + " over time";
+        for (std::size_t k = first; k < std::min(first + kStyles, kind.elements.size()); ++k) {
+          const std::size_t i = kind.elements[k];
+          plot.lines.push_back({element_of(recording, residual.elements[i]), residual.curves[i].points(), k - first});
+        }
+        Artist(page, gnuplot).plot(std::move(plot), caption);
+      }
     }
   }
 }
@@ -408,7 +428,12 @@ void Artist::plot(Plot plot, const std::string& caption_html) {
   }
 }
 
-std::string element_of(const std::string& name) {
+std::vector<master::ElementKind> kinds_of(const json& entry, std::size_t size) {
+  return master::kinds_of(text_of(member(entry, "unit")), {{}, texts_of(member(entry, "units"))}, size);
+}
+
+std::string element_of(const LoadedRecording& recording, const std::string& name) {
+  if (const RecordedColumn* column = recording.find(name); column != nullptr && !column->joint.empty()) return column->joint;
   const std::string vector = vector_of(name);
   if (vector != name) return name.substr(vector.size());
   const std::size_t dot = name.rfind('.');
@@ -434,7 +459,7 @@ void write_group(Page& page, const LoadedRecording& recording, const ColumnGroup
     plot.description = group.name + " over time";
     for (std::size_t i = first; i < std::min(first + kStyles, group.columns.size()); ++i) {
       const RecordedColumn& column = recording.columns[group.columns[i]];
-      if (column.plotted) plot.lines.push_back({element_of(column.name), column.curve.points(), i - first});
+      if (column.plotted) plot.lines.push_back({element_of(recording, column.name), column.curve.points(), i - first});
     }
     if (!plot.lines.empty() && recording.rows > 0) Artist(page, gnuplot).plot(std::move(plot), "");
   }
@@ -443,7 +468,8 @@ void write_group(Page& page, const LoadedRecording& recording, const ColumnGroup
   for (const std::size_t c : group.columns) {
     const Figures& f = recording.columns[c].curve.figures();
     if (f.count == 0 || rows++ >= kMostRowsOfRun) continue;
-    table.row({element_of(recording.columns[c].name), f.min, f.t_of_min, f.max, f.t_of_max, f.mean(), f.rms(), f.last});
+    table.row(
+        {element_of(recording, recording.columns[c].name), f.min, f.t_of_min, f.max, f.t_of_max, f.mean(), f.rms(), f.last});
   }
   if (!table.empty()) page.table(table);
 }

@@ -6,6 +6,7 @@
 #include "master/report/page.h"
 #include "master/report/plot.h"
 #include "master/results/results.h"
+#include "master/results/summary.h"
 
 /// The parts of a page.
 namespace cotwin::report {
@@ -34,8 +35,11 @@ void write_comparison(Page& page, std::span<const Results> all, const Gnuplot& g
 /// The table of recorded figures of a group of columns, and one plot for each eight of them.
 void write_group(Page& page, const LoadedRecording& recording, const ColumnGroup& group, const Gnuplot& gnuplot);
 
-/// "[3]" of "drive.q[3]", or the name without its component.
-std::string element_of(const std::string& name);
+/// The name of the joint of "drive.q[3]", "[3]" if it has none; of a scalar the name without its component.
+std::string element_of(const LoadedRecording& recording, const std::string& name);
+
+/// The kinds of elements of an entry of a summary with `size` elements.
+std::vector<master::ElementKind> kinds_of(const json& entry, std::size_t size);
 
 /// The state of a run in words, and whether it is one to worry about.
 struct RunState {

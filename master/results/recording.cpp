@@ -35,7 +35,13 @@ std::string counted(std::size_t count, const char* one, const char* many) {
 
 }  // namespace
 
-RowReader::RowReader(const fs::path& file, const trajectory::TimeColumn& time, std::map<std::string, double, std::less<>> words)
+std::string shown_name(const ColumnFacts& facts, const std::string& column) {
+  const auto found = facts.find(column);
+  return found == facts.end() || found->second.joint.empty() ? column : vector_of(column) + " " + found->second.joint;
+}
+
+RowReader::RowReader(const fs::path& file, const trajectory::TimeColumn& time, std::map<std::string, double, std::less<>> words,
+                     const ColumnFacts& facts)
     : csv_(file),
       path_(file.string()),
       file_(file.filename().string()),
@@ -49,7 +55,8 @@ RowReader::RowReader(const fs::path& file, const trajectory::TimeColumn& time, s
   for (std::size_t i = 0; i < csv_.names().size(); ++i) {
     if (i == time_) continue;
     const std::string& name = csv_.names()[i];
-    names_.push_back(name.empty() ? "column " + std::to_string(i + 1) : name);
+    const auto known = facts.find(name);
+    names_.push_back(name.empty() ? "column " + std::to_string(i + 1) : known != facts.end() ? known->second.name : name);
   }
   row_.resize(csv_.names().size());
   next_row_.resize(row_.size());
@@ -338,13 +345,6 @@ class ContactReader {
   std::vector<ContactSpan> spans_;
 };
 
-std::string unit_of(const std::map<std::string, std::string>& units, const std::string& name) {
-  for (const std::string& key : {name, vector_of(name)}) {
-    if (const auto found = units.find(key); found != units.end()) return found->second;
-  }
-  return "";
-}
-
 /// The signals of any component with this name of a variable: "; did you mean 'motion.q' or 'drive.q'?"; at most three, "" if there are none.
 std::string in_components(const std::string& variable, const std::vector<std::string>& columns) {
   constexpr std::size_t kMost = 3;
@@ -382,7 +382,10 @@ LoadedRecording load_recording(const fs::path& file, RecordingOptions options) {
   LoadedRecording recording;
   recording.file = file;
   recording.time = options.time;
-  RowReader reader(file, options.time);
+  recording.facts = std::move(options.facts);
+  RowReader reader(file, options.time, {}, recording.facts);
+  std::map<std::string_view, const ColumnFact*> facts;
+  for (const auto& [in_file, fact] : recording.facts) facts.emplace(fact.name, &fact);
   recording.names = reader.names();
   const std::size_t columns = std::min(reader.names().size(), kMostColumns);
   std::size_t plotted = 0, chosen = 0;
@@ -392,7 +395,9 @@ LoadedRecording load_recording(const fs::path& file, RecordingOptions options) {
     chosen += wanted ? 1 : 0;
     const bool with_points = wanted && plotted < kMostPlotted;
     plotted += with_points ? 1 : 0;
-    recording.columns.push_back({name, unit_of(options.units, name), Curve(with_points), with_points});
+    const auto fact = facts.find(name);
+    recording.columns.push_back({name, fact != facts.end() ? fact->second->unit : "", Curve(with_points), with_points,
+                                 fact != facts.end() ? fact->second->joint : ""});
   }
   if (columns < reader.names().size())
     recording.notes.push_back("Only the first " + std::to_string(columns) + " of " + std::to_string(reader.names().size()) +

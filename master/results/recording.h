@@ -19,12 +19,24 @@ namespace cotwin::report {
 /// What a message about a missing time column offers.
 inline constexpr const char* kTimeRemedy = " or --t-column NAME";
 
+/// What run.json tells of a column.
+struct ColumnFact {
+  std::string name;   // "drive.q[3]", also where the file has the joint's name in its place
+  std::string unit;   // of measure
+  std::string joint;  // to which it belongs; "": none
+};
+using ColumnFacts = std::map<std::string, ColumnFact, std::less<>>;  // by the name in the file
+
+/// "drive.q quill", or the column's own name without a joint.
+std::string shown_name(const ColumnFacts& facts, const std::string& column);
+
 /// Reads a recording row by row. What cannot be read becomes a note, not an error.
 class RowReader {
  public:
-  /// `words`: cells that are text, and the numbers that they stand for. Throws Error if there is no table at all, or no time.
+  /// `words`: cells that are text, and the numbers that they stand for. `facts`: columns get the names of these. Throws Error if there is
+  /// no table at all, or no time.
   explicit RowReader(const std::filesystem::path& file, const trajectory::TimeColumn& time = {},
-                     std::map<std::string, double, std::less<>> words = {});
+                     std::map<std::string, double, std::less<>> words = {}, const ColumnFacts& facts = {});
 
   /// Columns without that of the time.
   const std::vector<std::string>& names() const { return names_; }
@@ -67,7 +79,8 @@ class RowReader {
 struct Residual {
   std::string name, unit, a, b;
   double factor = 1, offset = 0;
-  std::vector<std::string> elements;  // names for keys
+  std::vector<std::string> units;     // of elements that differ; else empty
+  std::vector<std::string> elements;  // names of the columns of a
   std::vector<Curve> curves;          // empty if the signals were not recorded
   bool attitude = false;              // a rotation vector: three curves
 };
@@ -84,6 +97,7 @@ struct RecordedColumn {
   std::string name, unit;
   Curve curve;
   bool plotted = false;
+  std::string joint;  // to which it belongs; "": none
 };
 
 /// Columns that belong together in a plot: the elements of a vector, or scalars of the same kind.
@@ -93,15 +107,16 @@ struct ColumnGroup {
 };
 
 struct RecordingOptions {
-  std::map<std::string, std::string> units;  // by name of a column or of its vector
-  std::vector<std::string> patterns;         // of the columns to plot; empty: all
-  std::vector<Residual> residuals;           // to be computed
+  ColumnFacts facts;
+  std::vector<std::string> patterns;  // of the columns to plot; empty: all
+  std::vector<Residual> residuals;    // to be computed
   trajectory::TimeColumn time;
 };
 
 struct LoadedRecording {
   std::filesystem::path file;
   trajectory::TimeColumn time;
+  ColumnFacts facts;
   std::size_t rows = 0;
   double begin = 0, end = 0;            // s
   std::vector<std::string> names;       // of all columns, without the time

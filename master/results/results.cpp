@@ -41,6 +41,32 @@ std::vector<double> numbers_of(const json& value) {
   return all;
 }
 
+std::vector<std::string> texts_of(const json& value) {
+  std::vector<std::string> all;
+  for (const json& element : list_of(value)) all.push_back(text_of(element));
+  return all;
+}
+
+ColumnFacts column_facts(const json& record) {
+  constexpr double kMostElements = 1e6;
+  ColumnFacts facts;
+  const json& recording = member(record, "recording");
+  for (const json& column : list_of(member(recording, "columns"))) {
+    const std::string name = text_of(member(column, "name")), unit = text_of(member(column, "unit"));
+    const std::vector<std::string> units = texts_of(member(column, "units")), joints = texts_of(member(column, "joints"));
+    const double elements = number_of(member(column, "elements"));
+    if (!(elements >= 1 && elements <= kMostElements)) continue;
+    for (std::size_t i = 0; i < static_cast<std::size_t>(elements); ++i) {
+      ColumnFact fact{elements == 1 ? name : name + "[" + std::to_string(i + 1) + "]", i < units.size() ? units[i] : unit,
+                      i < joints.size() ? joints[i] : ""};
+      const std::string vector = vector_of(fact.name);
+      const bool named = member(recording, "joint_names") == true && !fact.joint.empty() && vector != fact.name;
+      facts.emplace(named ? vector + "[" + fact.joint + "]" : fact.name, std::move(fact));
+    }
+  }
+  return facts;
+}
+
 namespace {
 
 /// The object in a file; null with a note if it is damaged, null if it is missing.
@@ -59,13 +85,6 @@ json read_object(const fs::path& file, std::vector<std::string>& notes) {
   return nullptr;
 }
 
-std::map<std::string, std::string> units_of(const json& record) {
-  std::map<std::string, std::string> units;
-  for (const json& column : list_of(member(member(record, "recording"), "columns")))
-    units[text_of(member(column, "name"))] = text_of(member(column, "unit"));
-  return units;
-}
-
 /// The differences that the summary has figures of.
 std::vector<Residual> residuals_of(const json& summary) {
   std::vector<Residual> all;
@@ -77,6 +96,7 @@ std::vector<Residual> residuals_of(const json& summary) {
       if (r.a.empty() || r.b.empty()) continue;
       r.name = text_of(member(entry, "name"));
       r.unit = text_of(member(entry, "unit"));
+      r.units = texts_of(member(entry, "units"));
       const json &factor = member(entry, "factor"), &offset = member(entry, "offset");
       if (factor.is_number()) r.factor = number_of(factor);
       if (offset.is_number()) r.offset = number_of(offset);
@@ -92,7 +112,7 @@ void load_recording_of(Results& results, const fs::path& file, const std::vector
                        const trajectory::TimeColumn& time = {}) {
   RecordingOptions options;
   options.time = time;
-  options.units = units_of(results.record);
+  options.facts = column_facts(results.record);
   options.patterns = patterns;
   options.residuals = residuals_of(results.summary);
   results.recording = load_recording(file, std::move(options));

@@ -32,6 +32,9 @@ struct Results {
 Results load_results(const std::filesystem::path& place, const std::vector<std::string>& patterns,
                      const trajectory::TimeColumn& time = {});
 
+/// The columns that run.json lists.
+ColumnFacts column_facts(const json& record);
+
 /// What a recording has that its run.json does not tell, as one sentence: other columns, another number of rows, another end. ""
 /// if it fits. `columns`: without that of the time; `end`: time of the last row, s.
 std::string misfit(const json& record, const std::string& recording, const std::vector<std::string>& columns, std::size_t rows,
@@ -47,5 +50,7 @@ std::string text_of(const json& value);
 const json::array_t& list_of(const json& value);
 /// The numbers of a list; NaN for elements that are none.
 std::vector<double> numbers_of(const json& value);
+/// The texts of a list; "" for elements that are none.
+std::vector<std::string> texts_of(const json& value);
 
 }  // namespace cotwin::report

@@ -123,8 +123,9 @@ fs::path ResultsFolder::keep_earlier(std::span<const std::string> names, std::sp
 }
 
 fs::path ResultsFolder::keep_earlier_run() const {
-  const std::array<std::string, 7> names = {kSignals, std::string(kSignals) + ".part", kRecord, kSummary, kCheckpoint, kHistory,
-                                            kPage};
+  const std::array<std::string, 9> names = {
+      kSignals, std::string(kSignals) + ".part", kView, std::string(kView) + ".part", kRecord, kSummary, kCheckpoint, kHistory,
+      kPage};
   return keep_earlier(names);
 }
 

@@ -27,6 +27,7 @@ class ResultsFolder {
   static constexpr const char* kLock = "cotwin.lock";
   // Files of a run.
   static constexpr const char* kSignals = "signals.csv";
+  static constexpr const char* kView = "view.bin";
   static constexpr const char* kRecord = "run.json";
   static constexpr const char* kSummary = "summary.json";
   static constexpr const char* kCheckpoint = "run.checkpoint";

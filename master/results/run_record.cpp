@@ -12,6 +12,7 @@
 #include <nlohmann/json.hpp>
 #include <thread>
 
+#include "master/run/columns.h"
 #include "models/foundation/support/atomic_file.h"
 #include "models/foundation/support/choice.h"
 #include "models/foundation/support/error.h"
@@ -100,18 +101,6 @@ ordered_json events(const Scenario& scenario) {
   return all;
 }
 
-ordered_json columns(std::span<const Column> columns) {
-  ordered_json all = ordered_json::array();
-  all.push_back({{"name", "time"}, {"elements", 1}, {"unit", "s"}});
-  for (const Column& column : columns) {
-    all.push_back({{"name", column.signal.name}, {"elements", column.signal.count}, {"unit", column.signal.si()}});
-    const Elements elements = column.signal.of_elements();
-    if (!elements.si.empty()) all.back()["units"] = elements.si;
-    if (!elements.names.empty()) all.back()["joints"] = elements.names;
-  }
-  return all;
-}
-
 /// What observers did. A change is repeated by an event with its time, name and value.
 ordered_json influence(const Influence& i) {
   ordered_json changes = ordered_json::array();
@@ -185,7 +174,8 @@ RunRecord::RunRecord(Given given, const Master& master) : file_(std::move(given.
   if (!master.unsavable().empty()) j["no_checkpoints"] = master.unsavable();
   if (!given.results.empty()) {
     j["recording"] = {{"file", given.results.filename().string()}, {"every", scenario.decimation}};
-    j["recording"]["columns"] = columns(master.columns());
+    if (given.joint_names) j["recording"]["joint_names"] = true;
+    j["recording"]["columns"] = ordered_json::parse(columns_json(master.columns()));
   }
   const std::string text = dump(j);
   ordered_json crashed = j;

@@ -23,6 +23,7 @@ class RunRecord {
     std::vector<std::string> events, waypoints;  // --event, --waypoints
     std::vector<std::string> attach, detach;     // --attach, --detach
     std::filesystem::path results;               // signals.csv; empty if nothing is recorded
+    bool joint_names = false;                    // in the heading of signals.csv
     std::optional<double> resumed_at;            // s
   };
   /// Writes the file for the initialised master, with the state "running". Throws Error if it cannot be written.

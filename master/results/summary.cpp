@@ -15,7 +15,7 @@ namespace {
 
 constexpr std::size_t kLabel = 20, kCell = 10, kWidth = 80;
 constexpr std::size_t kLongestName = 24;  // of a joint; of longer ones the middle is left out
-constexpr std::size_t kMostUnits = 20;  // with their own line in the table of times
+constexpr std::size_t kMostUnits = 20;    // with their own line in the table of times
 
 std::string number(double value, int digits = 4) { return std::isnan(value) ? "-" : text::to_text(value, digits); }
 
@@ -37,29 +37,6 @@ std::string shortened(const std::string& name) {
   const bool ascii = width(name) == name.size();
   if (name.size() <= kLongestName || !ascii) return name;
   return name.substr(0, kHalf - 1) + "…" + name.substr(name.size() - kHalf);
-}
-
-/// Elements with the same unit of measure.
-struct ElementKind {
-  std::string si;
-  std::vector<std::size_t> elements;  // from 0
-
-  std::vector<double> of(const std::vector<double>& all) const {
-    std::vector<double> chosen;
-    for (const std::size_t i : elements) chosen.push_back(all[i]);
-    return chosen;
-  }
-};
-
-std::vector<ElementKind> kinds_of(const std::string& si, const Elements& elements, std::size_t size) {
-  std::vector<ElementKind> kinds;
-  for (std::size_t i = 0; i < size; ++i) {
-    const std::string& own = elements.si.empty() ? si : elements.si[i];
-    auto kind = std::ranges::find(kinds, own, &ElementKind::si);
-    if (kind == kinds.end()) kind = kinds.insert(kind, {own, {}});
-    kind->elements.push_back(i);
-  }
-  return kinds;
 }
 
 /// A table with a column per element and a last column for all; wide vectors take several blocks.
@@ -104,19 +81,6 @@ class ElementTable {
   bool has_heads_ = false;
   std::vector<Row> rows_;
 };
-
-double largest(const std::vector<double>& values) {
-  double most = 0;
-  for (const double v : values) most = std::max(most, v);
-  return most;
-}
-
-/// Returns the RMS over all elements from the RMS of each; all have the same number of samples.
-double joined(const std::vector<double>& rms) {
-  double squares = 0;
-  for (const double r : rms) squares += r * r;
-  return std::sqrt(squares / static_cast<double>(rms.size()));
-}
 
 std::string heading(const std::string& name, const std::string& si, const std::string& what) {
   return name + (si.empty() || si == "1" ? "" : " [" + si + "]") + (name == what ? "" : ": " + what);
@@ -212,8 +176,8 @@ void write_figures(std::ostream& out, const Summary& s) {
     for (const ElementKind& kind : kinds_of(t.si, t.elements, t.rms.size())) {
       out << '\n' << heading(t.name, kind.si, t.what) << '\n';
       ElementTable table(kind, t.elements);
-      table.row("RMS", kind.of(t.rms), joined(kind.of(t.rms)));
-      table.row("max", kind.of(t.max), largest(kind.of(t.max)));
+      table.row("RMS", kind.of(t.rms), joined_rms(kind.of(t.rms)));
+      table.row("max", kind.of(t.max), largest_of(kind.of(t.max)));
       table.print(out);
     }
   }
@@ -221,13 +185,13 @@ void write_figures(std::ostream& out, const Summary& s) {
     for (const ElementKind& kind : kinds_of(c.si, c.elements, c.max.size())) {
       out << '\n' << heading(c.name, kind.si, c.what) << ", t = " << number(c.from, 6) << " to " << number(c.to, 6) << " s\n";
       ElementTable table(kind, c.elements);
-      table.row("max |a - b|", kind.of(c.max), largest(kind.of(c.max)));
+      table.row("max |a - b|", kind.of(c.max), largest_of(kind.of(c.max)));
       table.row("at t [s]", kind.of(c.time_of_max), std::numeric_limits<double>::quiet_NaN());
       for (std::size_t k = 0; k < c.segment_rms.size(); ++k) {
         const std::vector<double> rms = kind.of(c.segment_rms[k]);
-        table.row("RMS, part " + std::to_string(k + 1), rms, joined(rms));
+        table.row("RMS, part " + std::to_string(k + 1), rms, joined_rms(rms));
       }
-      table.row("RMS", kind.of(c.rms), joined(kind.of(c.rms)));
+      table.row("RMS", kind.of(c.rms), joined_rms(kind.of(c.rms)));
       table.print(out);
     }
   }
@@ -339,6 +303,37 @@ ordered_json clock_of(const ClockReport& clock) {
 }
 
 }  // namespace
+
+std::vector<double> ElementKind::of(const std::vector<double>& all) const {
+  std::vector<double> chosen;
+  for (const std::size_t i : elements) {
+    if (i < all.size()) chosen.push_back(all[i]);
+  }
+  return chosen;
+}
+
+std::vector<ElementKind> kinds_of(const std::string& si, const Elements& elements, std::size_t size) {
+  std::vector<ElementKind> kinds;
+  for (std::size_t i = 0; i < size; ++i) {
+    const std::string& own = i < elements.si.size() ? elements.si[i] : si;
+    auto kind = std::ranges::find(kinds, own, &ElementKind::si);
+    if (kind == kinds.end()) kind = kinds.insert(kind, {own, {}});
+    kind->elements.push_back(i);
+  }
+  return kinds;
+}
+
+double largest_of(const std::vector<double>& values) {
+  double most = std::numeric_limits<double>::quiet_NaN();
+  for (const double value : values) most = std::fmax(most, value);
+  return most;
+}
+
+double joined_rms(const std::vector<double>& rms) {
+  double squares = 0;
+  for (const double r : rms) squares += r * r;
+  return std::sqrt(squares / static_cast<double>(rms.size()));
+}
 
 std::string duration(double seconds) {
   if (seconds < 1e-6) return text::to_text(seconds * 1e9, 3) + " ns";

@@ -2,11 +2,27 @@
 #include <cstdint>
 #include <iosfwd>
 #include <string>
+#include <vector>
 
 #include "master/run/master.h"
 
 /// Writes the summary of a run as text and as JSON.
 namespace cotwin::master {
+
+/// Elements of a vector with the same unit of measure.
+struct ElementKind {
+  std::string si;
+  std::vector<std::size_t> elements;  // from 0
+
+  /// The figures of these elements of `all`.
+  std::vector<double> of(const std::vector<double>& all) const;
+};
+/// All kinds, by their first elements. `si`: of all where `elements` has no other.
+std::vector<ElementKind> kinds_of(const std::string& si, const Elements& elements, std::size_t size);
+/// The RMS over all elements from the RMS of each, of equal numbers of samples.
+double joined_rms(const std::vector<double>& rms);
+/// The largest number; NaN of none.
+double largest_of(const std::vector<double>& values);
 
 struct Outcome {
   enum class State : std::uint8_t { kDone, kInterrupted, kFailed };

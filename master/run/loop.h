@@ -38,7 +38,7 @@ class Master::Loop {
   void save(std::function<void(RunState)> take, bool last);
   const std::string& unsavable() const { return unsavable_; }
   std::optional<std::uint64_t> sync_recording() const {
-    return recorder_ ? recorder_->sync_to_mark() : std::optional(std::uint64_t{0});
+    return signals_.recorder ? signals_.recorder->sync_to_mark() : std::optional(std::uint64_t{0});
   }
   std::span<const Column> columns() const { return columns_; }
 
@@ -49,6 +49,16 @@ class Master::Loop {
  private:
   static constexpr std::int64_t kNever = std::numeric_limits<std::int64_t>::max();
 
+  /// A recorder that is sampled every so many ticks.
+  struct Rows {
+    std::unique_ptr<Recorder> recorder;         // nullptr: none
+    std::int64_t every = 1;                     // ticks
+    std::int64_t next = kNever, past = kNever;  // tick at whose beginning it is sampled; past: at the last checkpoint
+    void sample(std::int64_t tick, std::int64_t last, Time now);
+    void keep();
+    void rewind();
+  };
+
   bool at_end() const {
     return tick_ >= engine_.schedule.ticks() || engine_.finished_by() != Engine::kNoSlot || (live_ && live_->stopped());
   }
@@ -58,6 +68,7 @@ class Master::Loop {
   std::vector<bus::RunObserver*> observers() const;
   void observe(Time now);
   void record(Time now);
+  void open_recordings();
   [[noreturn]] void fail_discarded(std::size_t slot) const;
   void save_checkpoint();
   void keep_past();
@@ -78,10 +89,13 @@ class Master::Loop {
   Statistics statistics_, past_statistics_;  // past: at the last checkpoint
   std::int64_t past_tick_ = -1;              // that checkpoint
   bool has_statistics_;
-  bool waits_;                       // for the clock
-  std::filesystem::path recording_;  // empty if there is none
-  std::unique_ptr<Recorder> recorder_;
-  std::int64_t next_row_ = kNever, past_next_row_ = kNever;  // the tick at whose beginning it is sampled
+  bool waits_;                                   // for the clock
+  std::filesystem::path recording_, view_file_;  // empty if there is none
+  std::vector<Column> view_columns_;
+  bool joint_names_ = false;
+  Rows signals_, view_;
+  std::int64_t next_row_ = kNever;  // the tick at whose beginning one of them is sampled
+  std::int64_t kept_view_rows_ = 0;
   Initialisation initialisation_;
 
   TickTimes times_;

@@ -11,6 +11,7 @@
 
 #include "fmu/import/unit/state_keeper.h"
 #include "master/engine/threaded_unit.h"
+#include "master/run/columns.h"
 #include "master/run/loop.h"
 #include "master/run/omissions.h"
 #include "models/foundation/support/bytes.h"
@@ -105,6 +106,14 @@ Master::Loop::Loop(Scenario scenario, MasterOptions options)
   if (scenario_.decimation < 1) fail(place, "decimation " + std::to_string(scenario_.decimation) + ", expected >= 1 ticks");
   if (!options.results.empty() && !columns_.empty())
     recording_ = std::filesystem::current_path() / options.results / "signals.csv";
+  joint_names_ = options.joint_names;
+  signals_.every = scenario_.decimation;
+  if (!options.results.empty() && options.view_data) {
+    view_columns_ = choose_view_columns(members_);
+    view_.every = std::max<std::int64_t>(1, 1'000'000'000 / kViewRate / scenario_.tick.ns);
+    if (!has_all(columns_, scenario_.decimation * scenario_.tick, view_columns_))
+      view_file_ = std::filesystem::current_path() / options.results / "view.bin";
+  }
 }
 
 void Master::Loop::initialise() {
@@ -126,17 +135,7 @@ void Master::Loop::initialise() {
   if (resume_) restore(*resume_);
   times_.begin_run(ticks(), tick_);
   if (before_results_) before_results_();
-  if (!recording_.empty()) {
-    Recorder::Options options;
-    options.may_wait = !pace_.real_time();
-    if (may_go_back()) {
-      options.holds = true;
-      options.least_rows = static_cast<std::size_t>(kCheckpointEvery + kMostWaiting) + 2;
-    }
-    if (resume_) options.kept = resume_->recording;
-    recorder_ = std::make_unique<Recorder>(columns_, recording_, options);
-    if (!resume_) next_row_ = tick_;
-  }
+  open_recordings();
   if (!resume_) observe(now());
   resume_.reset();
   keep_past();
@@ -145,6 +144,29 @@ void Master::Loop::initialise() {
   if (live_) {
     for (bus::RunObserver* observer : observers()) observer->observe(live_->run());
   }
+}
+
+void Master::Loop::open_recordings() {
+  Recorder::Options options;
+  options.may_wait = !pace_.real_time();
+  options.joint_names = joint_names_;
+  if (may_go_back()) {
+    options.holds = true;
+    options.least_rows = static_cast<std::size_t>(kCheckpointEvery + kMostWaiting) + 2;
+  }
+  if (!recording_.empty()) {
+    if (resume_) options.kept = resume_->recording;
+    signals_.recorder = std::make_unique<Recorder>(columns_, recording_, options);
+    if (!resume_) signals_.next = tick_;
+  }
+  if (!view_file_.empty()) {
+    options.heading = view_heading(view_columns_);
+    options.ring_bytes = std::size_t{1} << 20;
+    if (resume_) options.kept = {0, kept_view_rows_, 0};
+    view_.recorder = std::make_unique<Recorder>(view_columns_, view_file_, options);
+    if (!resume_) view_.next = tick_;
+  }
+  next_row_ = std::min(signals_.next, view_.next);
 }
 
 /// The units that observe the run, and the observer of the options.
@@ -231,16 +253,17 @@ void Master::Loop::keep_past() {
   if (!may_go_back()) return;
   past_tick_ = tick_;
   past_statistics_ = statistics_;
-  past_next_row_ = next_row_;
-  if (recorder_) recorder_->commit();
+  signals_.keep();
+  view_.keep();
 }
 
 /// Goes back to the last checkpoint, because a loop is stepped in another way from there on.
 void Master::Loop::rewind() {
   tick_ = *control_.rewound();
   statistics_ = past_statistics_;
-  next_row_ = past_next_row_;
-  if (recorder_) recorder_->rewind();
+  signals_.rewind();
+  view_.rewind();
+  next_row_ = std::min(signals_.next, view_.next);
 }
 
 void Master::Loop::pass_state() {
@@ -248,9 +271,9 @@ void Master::Loop::pass_state() {
   run.beginning = beginning_;
   run.wall_seconds = wall_seconds();
   run.bytes = state();
-  if (recorder_) {
-    run.recording = {0, recorder_->rows(), recorder_->dropped()};
-    recorder_->mark();
+  if (Recorder* const recorder = signals_.recorder.get()) {
+    run.recording = {0, recorder->rows(), recorder->dropped()};
+    recorder->mark();
   }
   std::exchange(state_taker_, nullptr)(std::move(run));
 }
@@ -259,7 +282,9 @@ std::string Master::Loop::state() const {
   ByteWriter out;
   control_.write(out);
   statistics_.write(out);
-  out.value(next_row_);
+  out.value(signals_.next);
+  out.value(view_.next);
+  out.value(view_.recorder ? view_.recorder->rows() : std::int64_t{0});
   if (live_) live_->write(out);
   return out.bytes();
 }
@@ -271,10 +296,13 @@ void Master::Loop::restore(const RunState& run) {
   ByteReader in(as_bytes(run.bytes), place);
   tick_ = control_.restore(in);
   statistics_.read(in, engine_.schedule.time(0), now());
-  next_row_ = in.value<std::int64_t>();
+  signals_.next = in.value<std::int64_t>();
+  view_.next = in.value<std::int64_t>();
+  kept_view_rows_ = in.value<std::int64_t>();
   if (live_) live_->read(in, tick_);
   in.expect_end();
-  if (next_row_ <= tick_ || run.recording.has_value() != !recording_.empty()) in.fail("is damaged");
+  const bool fits = signals_.next > tick_ && view_.next > tick_ && kept_view_rows_ >= 0;
+  if (!fits || run.recording.has_value() != !recording_.empty()) in.fail("is damaged");
   engine_.check_finite(now());
   earlier_seconds_ = run.wall_seconds;
 }
@@ -343,10 +371,26 @@ inline void Master::Loop::observe(Time now) {
 }
 
 void Master::Loop::record(Time now) {
-  recorder_->sample(now);
-  const std::int64_t last = engine_.schedule.ticks(), every = scenario_.decimation;
-  const std::int64_t next = tick_ < next_row_ + every ? next_row_ + every : tick_ + every - (tick_ - next_row_) % every;
-  next_row_ = tick_ == last ? kNever : std::min(last, next);
+  for (Rows* rows : {&signals_, &view_}) {
+    if (tick_ >= rows->next) rows->sample(tick_, engine_.schedule.ticks(), now);
+  }
+  next_row_ = std::min(signals_.next, view_.next);
+}
+
+void Master::Loop::Rows::sample(std::int64_t tick, std::int64_t last, Time now) {
+  recorder->sample(now);
+  const std::int64_t after = tick < next + every ? next + every : tick + every - (tick - next) % every;
+  next = tick == last ? kNever : std::min(last, after);
+}
+
+void Master::Loop::Rows::keep() {
+  past = next;
+  if (recorder) recorder->commit();
+}
+
+void Master::Loop::Rows::rewind() {
+  next = past;
+  if (recorder) recorder->rewind();
 }
 
 void Master::Loop::finish() {
@@ -366,7 +410,9 @@ void Master::Loop::finish() {
   for (const Member& member : members_) {
     if (beside_of(member) == nullptr) member.instance.unit->end();
   }
-  if (recorder_) attempt([&] { recorder_->close(); });
+  for (const Rows* rows : {&signals_, &view_}) {
+    if (rows->recorder) attempt([&] { rows->recorder->close(); });
+  }
   end_beside();
   for (const Member& member : members_) {
     if (ThreadedUnit* const beside = beside_of(member)) attempt([&] { beside->check_last_step(); });

@@ -40,6 +40,8 @@ struct MasterOptions {
   std::span<const UnitType> types;             // available units
   std::vector<std::filesystem::path> folders;  // where units search for named data
   std::filesystem::path results;               // folder for signals.csv; empty: no recording
+  bool joint_names = false;                    // columns of signals.csv have the names of joints in place of their numbers
+  bool view_data = false;                      // view.bin in that folder, for pages, where the recording lacks what they show
   std::optional<int> threads;                  // instead of the scenario's
   bool always_threads = false;                 // use the threads even where they are slower
   std::unique_ptr<Clock> clock;                // instead of the scenario's

@@ -14,9 +14,7 @@
 #include <cstdio>
 #include <cstring>
 #include <system_error>
-#include <unordered_map>
 
-#include "master/clock/clock.h"
 #include "models/foundation/support/atomic_file.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
@@ -31,15 +29,6 @@ constexpr auto kIdle = 2ms;    // sleep of the writer while the ring is empty: w
 constexpr auto kFlush = 20ms;  // largest age of a row in memory
 constexpr std::size_t kBuffer = std::size_t{1} << 18;  // bytes of text per write
 constexpr std::size_t kRoom = 28;                      // bytes of text for a number
-
-constexpr const char* kClockName = "clock";
-
-bool has_wildcard(const std::string& pattern) { return pattern.find_first_of("*?") != std::string::npos; }
-
-/// Whether a pattern with a wildcard selects the variable.
-bool matches(const std::string& pattern, const std::string& name, const Variable& variable) {
-  return variable.role != Role::kParameter && variable.kind() != Kind::kString && glob(pattern, name);
-}
 
 /// RFC 4180.
 std::string csv_field(const std::string& name) {
@@ -63,84 +52,7 @@ char* write_time(char* to, std::int64_t ns) {
   return to + digits;
 }
 
-/// Those of any clock, for a scenario that does not run.
-const Variables& clock_variables() {
-  static ClockState state;
-  static const Variables variables = [] {
-    Variables v;
-    state.declare(v);
-    return v;
-  }();
-  return variables;
-}
-
 }  // namespace
-
-std::vector<Column> choose_columns(const Scenario& scenario, std::span<const Member> members, const Variables* clock) {
-  std::vector<bool> found(scenario.recording.size());
-  std::unordered_map<std::string_view, std::vector<std::size_t>> plain;  // without a wildcard, by name
-  std::vector<std::size_t> patterns;
-  for (std::size_t r = 0; r < scenario.recording.size(); ++r) {
-    const std::string& variables = scenario.recording[r].variables;
-    (has_wildcard(variables) ? patterns : plain[variables]).push_back(r);
-  }
-  std::vector<Column> columns;
-  const auto take = [&](const std::string& name, const Variable& variable) {
-    bool any = false;
-    const auto accept = [&](std::size_t r) {
-      if (variable.kind() == Kind::kString)
-        fail(scenario.recording[r].place, "'" + name + "' is a String, which cannot be recorded");
-      found[r] = any = true;
-    };
-    if (const auto same = plain.find(name); same != plain.end()) std::ranges::for_each(same->second, accept);
-    for (const std::size_t r : patterns) {
-      if (matches(scenario.recording[r].variables, name, variable)) accept(r);
-    }
-    return any;
-  };
-  for (std::size_t m = 0; m < members.size(); ++m) {
-    for (const Variable& variable : members[m].variables()) {
-      const std::string whole = members[m].name() + "." + variable.name;
-      const std::size_t n = variable.size();
-      const bool by_default = (scenario.recording.empty() || scenario.all_outputs) && variable.role == Role::kOutput &&
-                              variable.kind() != Kind::kString;
-      if (take(whole, variable) || by_default) {
-        for (std::size_t i = 0; i < n && scenario.all_outputs; ++i) take(whole + "[" + std::to_string(i + 1) + "]", variable);
-        Column column{{}, {m, &variable, 0, n, whole}};
-        for (std::size_t i = 0; i < n; ++i) column.names.push_back(element_name(members[m].name(), variable, i));
-        columns.push_back(std::move(column));
-        continue;
-      }
-      for (std::size_t i = 0; i < n; ++i) {
-        const std::string element = whole + "[" + std::to_string(i + 1) + "]";
-        if (take(element, variable))
-          columns.push_back({{element_name(members[m].name(), variable, i)}, {m, &variable, i, 1, element}});
-      }
-    }
-  }
-  const auto is_clock = [](const Member& member) { return member.name() == kClockName; };
-  if (std::ranges::none_of(members, is_clock)) {
-    const std::string prefix = std::string(kClockName) + ".";
-    for (const Variable& variable : clock != nullptr ? *clock : clock_variables()) {
-      const std::string name = prefix + variable.name;
-      const auto selects = [&](const RecordSpec& spec) {
-        return spec.variables.starts_with(prefix) && glob(spec.variables, name);
-      };
-      bool any = false;
-      for (std::size_t r = 0; r < found.size(); ++r) {
-        if (selects(scenario.recording[r])) found[r] = any = true;
-      }
-      if (any) columns.push_back({{name}, {members.size(), &variable, 0, 1, name}});
-    }
-  }
-  for (std::size_t r = 0; r < found.size(); ++r) {
-    const RecordSpec& spec = scenario.recording[r];
-    if (found[r]) continue;
-    if (!has_wildcard(spec.variables)) (void)find_signal(members, spec.variables, spec.place);  // throws a better message
-    fail(spec.place, "nothing to record matches '" + spec.variables + "'");
-  }
-  return columns;
-}
 
 /// Converts rows to text and writes it, on its own thread.
 class Recorder::Writer {
@@ -204,7 +116,9 @@ class Recorder::Writer {
       if (n <= 0) {
         const int reason = n < 0 ? errno : EIO;
         drop_partial_row(text.substr(0, done));
-        recorder_.in_file_ += std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(done), '\n');
+        recorder_.in_file_ += recorder_.packed_
+                                  ? static_cast<std::int64_t>(done / recorder_.packed_row())
+                                  : std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(done), '\n');
         recorder_.failure_.store(reason, std::memory_order_release);
         return;
       }
@@ -232,7 +146,28 @@ class Recorder::Writer {
     char text[kRoom];
   };
 
+  void write_packed(const double* row) {
+    char* to = buffer_.data() + used_;
+    std::memcpy(to, row, sizeof(std::int64_t));
+    to += sizeof(std::int64_t);
+    for (std::size_t i = 1; i <= recorder_.width_; ++i, to += sizeof(float)) {
+      const auto value = static_cast<float>(row[i]);
+      std::memcpy(to, &value, sizeof value);
+    }
+    used_ += recorder_.packed_row();
+  }
+
   void write_row(const double* row) {
+    if (recorder_.packed_) {
+      write_packed(row);
+    } else {
+      write_text_row(row);
+    }
+    ++in_buffer_;
+    if (used_ >= kBuffer) flush();
+  }
+
+  void write_text_row(const double* row) {
     char* to = write_time(buffer_.data() + used_, std::bit_cast<std::int64_t>(row[0]));
     for (std::size_t i = 0; i < integral_.size(); ++i) {
       *to++ = ',';
@@ -240,9 +175,7 @@ class Recorder::Writer {
       to = integral_[i] ? std::to_chars(to, to + kRoom, static_cast<std::int32_t>(value)).ptr : write_real(to, value);
     }
     *to++ = '\n';
-    ++in_buffer_;
     used_ = static_cast<std::size_t>(to - buffer_.data());
-    if (used_ >= kBuffer) flush();
   }
 
   char* write_real(char* to, double value) {
@@ -262,7 +195,9 @@ class Recorder::Writer {
   /// Cuts a row that is incomplete because the disk is full. `last`: the written part of the last text.
   void drop_partial_row(std::string_view last) {
     const std::size_t row_end = last.rfind('\n');
-    const std::size_t whole = row_end == std::string_view::npos ? 0 : row_end + 1;
+    const std::size_t whole = recorder_.packed_                   ? last.size() - last.size() % recorder_.packed_row()
+                              : row_end == std::string_view::npos ? 0
+                                                                  : row_end + 1;
     if (::ftruncate(descriptor_, static_cast<off_t>(written_ + whole)) != 0) return;  // a pipe cannot be cut
   }
 
@@ -283,7 +218,7 @@ class Recorder::Writer {
 };
 
 Recorder::Recorder(std::vector<Column> columns, std::filesystem::path file, Options options)
-    : file_(std::move(file)), may_wait_(options.may_wait), holds_(options.holds) {
+    : file_(std::move(file)), may_wait_(options.may_wait), packed_(!options.heading.empty()), holds_(options.holds) {
   std::string heading = "time";
   std::vector<bool> integral;
   for (const Column& column : columns) {
@@ -304,9 +239,14 @@ Recorder::Recorder(std::vector<Column> columns, std::filesystem::path file, Opti
         throw Error("'" + s.name + "' is a String, which cannot be recorded");
     }
     integral.insert(integral.end(), s.count, v.kind() != Kind::kReal);
-    for (const std::string& name : column.names) heading += "," + csv_field(name);
+    const Elements elements = s.of_elements();
+    for (std::size_t i = 0; i < s.count; ++i) {
+      const std::string& name = column.names[i];
+      const bool named = options.joint_names && !elements.names.empty() && name.ends_with(']');
+      heading += "," + csv_field(named ? name.substr(0, name.rfind('[') + 1) + elements.names[i] + "]" : name);
+    }
   }
-  heading += '\n';
+  heading = packed_ ? options.heading : heading + '\n';
   const std::size_t rows = std::max(options.least_rows, options.ring_bytes / sizeof(double) / (width_ + 1));
   capacity_ = options.holds ? std::bit_ceil(rows) : std::bit_floor(rows);
   ring_ = std::make_unique<double[]>(capacity_ * (width_ + 1));  // zeroed, so that the loop causes no page faults
@@ -325,13 +265,17 @@ Recorder::Recorder(std::vector<Column> columns, std::filesystem::path file, Opti
   saved_.emplace(save, this, file_.string());
 }
 
-int Recorder::open_file(const std::string& heading, const std::optional<Kept>& kept) {
+int Recorder::open_file(const std::string& heading, std::optional<Kept>& kept) {
   make_folder(file_.parent_path());
   struct stat status {};
   const bool regular = ::stat(file_.c_str(), &status) != 0 || S_ISREG(status.st_mode);
   written_to_ = file_;
   if (regular) written_to_ += ".part";
-  if (kept) return reopen_file(heading, *kept);
+  if (kept) {
+    const int there = packed_ ? reopen_packed(heading, *kept) : reopen_file(heading, *kept);
+    if (there >= 0) return there;
+    kept.reset();
+  }
   const int descriptor = ::open(written_to_.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
   if (descriptor < 0) throw Error(file_.string(), "cannot be written: " + system_reason(errno));
   return descriptor;
@@ -364,6 +308,26 @@ int Recorder::reopen_file(const std::string& heading, const Kept& kept) {
     throw;
   }
   return descriptor;
+}
+
+/// Keeps the rows of a file of view_heading() that are there, at most kept.rows, and sets `kept`; -1: the file cannot be continued.
+int Recorder::reopen_packed(const std::string& heading, Kept& kept) {
+  int descriptor = ::open(written_to_.c_str(), O_RDWR | O_CLOEXEC);
+  if (descriptor < 0 && ::rename(file_.c_str(), written_to_.c_str()) == 0)
+    descriptor = ::open(written_to_.c_str(), O_RDWR | O_CLOEXEC);
+  if (descriptor < 0) return -1;
+  std::string there(heading.size(), '\0');
+  struct stat status {};
+  if (::fstat(descriptor, &status) == 0 &&
+      ::pread(descriptor, there.data(), there.size(), 0) == static_cast<ssize_t>(there.size()) && there == heading) {
+    const std::size_t rows = (static_cast<std::size_t>(status.st_size) - heading.size()) / packed_row();
+    kept.rows = std::min(kept.rows, static_cast<std::int64_t>(rows));
+    kept.bytes = heading.size() + static_cast<std::size_t>(kept.rows) * packed_row();
+    const auto end = static_cast<off_t>(kept.bytes);
+    if (::ftruncate(descriptor, end) == 0 && ::lseek(descriptor, end, SEEK_SET) == end) return descriptor;
+  }
+  ::close(descriptor);
+  return -1;
 }
 
 Recorder::~Recorder() {

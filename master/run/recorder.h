@@ -10,27 +10,14 @@
 #include <vector>
 
 #include "components/unit/time.h"
-#include "master/engine/wiring/members.h"
+#include "master/run/columns.h"
 #include "master/run/crash.h"
 
 /// Records selected variables over time as CSV.
 namespace cotwin::master {
 
-/// One variable of the recording: all of its elements, or one.
-struct Column {
-  std::vector<std::string> names;  // one per element
-  Signal signal;
-};
-
-/// The variables that the scenario selects, in the order of components and declarations; without a selection, all outputs.
-/// Patterns with * or ? match outputs, inputs, states and tunables; exact names match any variable but Strings. Throws Error at
-/// the entry's place for a String and for a pattern without a match.
-/// `clock`: variables of the run's clock, which patterns that begin with "clock." select, unless a component has that name;
-/// their columns have a member past the end.
-std::vector<Column> choose_columns(const Scenario& scenario, std::span<const Member> members, const Variables* clock = nullptr);
-
 /// Copies rows into a ring in memory; another thread writes them: time first, numbers as the shortest text that reads back to
-/// the same bits, whole rows only. The file is <file>.part until close() renames it; a file that is not regular (a pipe) is
+/// the same bits (CSV) or as float32 (Options::heading), whole rows only. The file is <file>.part until close() renames it; a file that is not regular (a pipe) is
 /// written to directly. All rows are in the file after close(), and at any time all but those of the last 0.2 s.
 class Recorder {
  public:
@@ -46,6 +33,8 @@ class Recorder {
     bool holds =
         false;  // rows are held back until commit(), so that rewind() can drop them; but where the ring is full, and in a crash
     std::optional<Kept> kept = {};  // cut the existing recording and append to it
+    std::string heading = {};  // of a file of view_heading(); empty: CSV. To resume one, what it has is kept, without an error
+    bool joint_names = false;  // the heading has "drive.q[elbow]" in place of "drive.q[2]"
   };
 
   /// Opens the file and writes the heading. Throws Error if that fails, or if the recording to resume is missing, shorter than
@@ -95,8 +84,10 @@ class Recorder {
   template <class T>
   void add(std::span<const T> values, std::vector<Source<T>>& sources);
   void copy_row(Time now, double* row) const;
-  int open_file(const std::string& heading, const std::optional<Kept>& kept);
+  int open_file(const std::string& heading, std::optional<Kept>& kept);
   int reopen_file(const std::string& heading, const Kept& kept);
+  int reopen_packed(const std::string& heading, Kept& kept);
+  std::size_t packed_row() const { return sizeof(std::int64_t) + width_ * sizeof(float); }  // bytes
   [[noreturn]] void throw_failure();
   static void save(void* self) noexcept;
 
@@ -106,6 +97,7 @@ class Recorder {
   std::filesystem::path file_, written_to_;
   bool may_wait_;
   std::size_t width_ = 0;     // values per row, without the time
+  bool packed_ = false;       // not CSV
   std::size_t capacity_ = 0;  // rows in the ring, a power of two
   std::unique_ptr<double[]> ring_;
   std::int64_t sampled_ = 0, dropped_ = 0;

@@ -244,8 +244,20 @@ std::vector<Compared> Statistics::comparisons() const {
   std::vector<Compared> result;
   for (const ComparisonState& c : comparisons_) {
     const Difference& d = c.difference;
-    Compared& compared = result.emplace_back(Compared{
-        d.name, d.what, d.si, c.from.seconds(), c.to.seconds(), {}, {}, {}, {}, d.name_of_a, d.name_of_b, d.factor, d.offset, d.elements});
+    Compared& compared = result.emplace_back(Compared{d.name,
+                                                      d.what,
+                                                      d.si,
+                                                      c.from.seconds(),
+                                                      c.to.seconds(),
+                                                      {},
+                                                      {},
+                                                      {},
+                                                      {},
+                                                      d.name_of_a,
+                                                      d.name_of_b,
+                                                      d.factor,
+                                                      d.offset,
+                                                      d.elements});
     for (const Sum& e : c.all.elements) {
       compared.max.push_back(e.max);
       compared.time_of_max.push_back(e.time_of_max.seconds());

@@ -121,10 +121,10 @@ Summary Master::Loop::summary() const {
   if (const Member* member = control_.not_restorable(); member != nullptr && scenario_.tolerance > 0) {
     s.notes.push_back("'" + member->name() + "' cannot be restored: it makes one step in each tick, whatever the tolerance");
   }
-  if (recorder_) {
-    s.recording = recorder_->file();
-    s.rows = recorder_->rows();
-    s.dropped_rows = recorder_->dropped();
+  if (signals_.recorder) {
+    s.recording = signals_.recorder->file();
+    s.rows = signals_.recorder->rows();
+    s.dropped_rows = signals_.recorder->dropped();
     if (s.dropped_rows > 0) {
       s.warnings.push_back("the disk could not keep up: " + text::counted(static_cast<std::int64_t>(s.dropped_rows), "row") +
                            " of the recording dropped");

@@ -3,7 +3,6 @@
 #include <cmath>
 #include <fstream>
 #include <iostream>
-#include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
 
@@ -11,7 +10,7 @@
 #include "master/program/commands/commands.h"
 #include "master/program/time_options.h"
 #include "master/report/chart.h"
-#include "master/results/recording.h"
+#include "master/results/results.h"
 #include "models/foundation/support/atomic_file.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
@@ -40,20 +39,17 @@ fs::path recording_of(const fs::path& results) {
   throw Error(results.string(), "has no signals.csv, expected the folder of a run's results, or a CSV file");
 }
 
-/// Units of measure by variable, from the run.json beside the recording; none if there is no such file.
-std::map<std::string, std::string> units_of(const fs::path& recording) {
-  std::map<std::string, std::string> units;
+/// What the run.json beside the recording tells of its columns; nothing if there is no such file.
+report::ColumnFacts facts_of(const fs::path& recording) {
   const fs::path file = recording.parent_path() / "run.json";
   std::ifstream in(file);
-  if (!in) return units;
+  if (!in) return {};
   try {
-    const nlohmann::json columns = nlohmann::json::parse(in).at("recording").at("columns");
-    for (const nlohmann::json& column : columns)
-      units[column.at("name").get<std::string>()] = column.at("unit").get<std::string>();
+    return report::column_facts(nlohmann::json::parse(in));
   } catch (const nlohmann::json::exception&) {
     std::cerr << "cotwin: warning: " << file.string() << ": cannot be read; the chart has no units of measure\n";
+    return {};
   }
-  return units;
 }
 
 /// The rows of the chosen signals from `from` to `to`.
@@ -64,8 +60,9 @@ struct Table {
 };
 
 /// Reads only the columns of the patterns. What is left out goes to stderr.
-Table read(const PlotArguments& a, const fs::path& recording, const trajectory::TimeColumn& time) {
-  report::RowReader rows(recording, time);
+Table read(const PlotArguments& a, const fs::path& recording, const trajectory::TimeColumn& time,
+           const report::ColumnFacts& facts) {
+  report::RowReader rows(recording, time, {}, facts);
   std::vector<std::size_t> chosen;
   Table table;
   for (const std::string& pattern : a.patterns) {
@@ -99,20 +96,16 @@ Table read(const PlotArguments& a, const fs::path& recording, const trajectory::
 }
 
 /// The panels of a pattern: one per unit of measure.
-std::vector<plot::Panel> panels_of(const std::string& pattern, const Table& table,
-                                   const std::map<std::string, std::string>& units) {
+std::vector<plot::Panel> panels_of(const std::string& pattern, const Table& table, const report::ColumnFacts& facts) {
   std::vector<plot::Panel> panels;
   for (std::size_t c = 0; c < table.names.size(); ++c) {
     const std::string& column = table.names[c];
     if (!report::selects(pattern, column)) continue;
-    std::string unit;
-    if (const auto found = units.find(column); found != units.end())
-      unit = found->second;
-    else if (const auto whole = units.find(report::vector_of(column)); whole != units.end())
-      unit = whole->second;
+    const auto found = facts.find(column);
+    const std::string unit = found == facts.end() ? "" : found->second.unit;
     auto panel = std::find_if(panels.begin(), panels.end(), [&](const plot::Panel& p) { return p.unit == unit; });
     if (panel == panels.end()) panel = panels.insert(panels.end(), plot::Panel{unit, {}});
-    panel->curves.push_back({column, table.t, table.columns[c]});
+    panel->curves.push_back({report::shown_name(facts, column), table.t, table.columns[c]});
   }
   return panels;
 }
@@ -132,14 +125,16 @@ int plot_command(const PlotArguments& a) {
   const fs::path recording = recording_of(a.results);
   const fs::path out = a.out.empty() ? recording.parent_path() / "plot.svg" : a.out;
   const plot::Format format = format_of(out);
-  const Table table = read(a, recording, a.time.chosen({&a.results, 1}));
+  report::ColumnFacts facts;
+  const report::ColumnFacts in_file = facts_of(recording);
+  for (const auto& [name, fact] : in_file) facts.emplace(fact.name, fact);
+  const Table table = read(a, recording, a.time.chosen({&a.results, 1}), in_file);
   plot::Chart chart;
   chart.title = a.title.empty() ? a.results.string() : a.title;
   chart.width = a.width;
   chart.height = a.height;
-  const std::map<std::string, std::string> units = units_of(recording);
   for (const std::string& pattern : a.patterns) {
-    for (plot::Panel& panel : panels_of(pattern, table, units)) {
+    for (plot::Panel& panel : panels_of(pattern, table, facts)) {
       const auto is_finite = [](double y) { return std::isfinite(y); };
       if (std::ranges::none_of(panel.curves, [&](const plot::Curve& c) { return std::ranges::any_of(c.y, is_finite); }))
         throw Error(recording.string(), in_quotes(pattern) + " has no finite value in this time, expected one or more");

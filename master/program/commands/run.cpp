@@ -43,6 +43,10 @@ void add_run(CLI::App& app, Chosen& chosen) {
                    "Variables to record in place of the scenario's, e.g. 'drive.*'; may be repeated")
       ->type_name("GLOB")
       ->allow_extra_args(false);
+  run_command->add_flag("--joint-names", arguments.joint_names,
+                        "Columns of signals.csv have the names of joints in place of their numbers: drive.q[elbow]");
+  run_command->add_flag("--no-view-data", arguments.no_view_data,
+                        "No view.bin: pages show only what is recorded by choice (default: what they need, 60 times a second)");
   run_command
       ->add_option(
           "--waypoints", arguments.waypoints,
@@ -156,13 +160,15 @@ void add_run(CLI::App& app, Chosen& chosen) {
 
   std::vector<CLI::Option*> of_scenario;
   for (const char* name :
-       {"--set", "--out", "--record", "--waypoints", "--event", "--attach", "--detach", "--threads", "--real-time", "--clock",
-        "--overrun", "--priority", "--cpu", "--coupling", "--checkpoint", "--overwrite", "--report", "--view"}) {
+       {"--set",    "--out",      "--record",     "--joint-names", "--no-view-data", "--waypoints", "--event",
+        "--attach", "--detach",   "--threads",    "--real-time",   "--clock",        "--overrun",   "--priority",
+        "--cpu",    "--coupling", "--checkpoint", "--overwrite",   "--report",       "--view"}) {
     of_scenario.push_back(run_command->get_option(name));
   }
   std::vector<CLI::Option*> decided = of_fmu;
-  for (const char* name : {"FILE", "--stop", "--set", "--out", "--record", "--waypoints", "--event", "--attach", "--detach",
-                           "--real-time", "--clock", "--overrun", "--priority", "--cpu", "--coupling", "--overwrite", "--view"})
+  for (const char* name :
+       {"FILE", "--stop", "--set", "--out", "--record", "--joint-names", "--no-view-data", "--waypoints", "--event", "--attach",
+        "--detach", "--real-time", "--clock", "--overrun", "--priority", "--cpu", "--coupling", "--overwrite", "--view"})
     decided.push_back(run_command->get_option(name));
   run_command->callback([all, of_fmu, of_scenario, decided, &chosen] {
     chosen = [all, of_fmu, of_scenario, decided] {

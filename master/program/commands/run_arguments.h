@@ -19,6 +19,7 @@ struct RunArguments {
   std::string json;
   std::optional<double> stop;
   bool real_time = false, quiet = false, overwrite = false, report = false;
+  bool joint_names = false, no_view_data = false;
   std::string clock, cpus;  // empty: the scenario's
   std::optional<OverrunPolicy> overrun;
   std::optional<int> priority;

@@ -83,6 +83,8 @@ std::string options_of(const RunArguments& a) {
   j["waypoints"] = a.waypoints;
   if (a.stop) j["stop"] = *a.stop;
   if (a.coupling) j["coupling"] = text::word_of(*a.coupling, kCouplingWords);
+  j["joint_names"] = a.joint_names;
+  j["no_view_data"] = a.no_view_data;
   j["real_time"] = a.real_time;
   if (!a.clock.empty()) j["clock"] = a.clock;
   if (!a.cpus.empty()) j["cpu"] = a.cpus;
@@ -105,6 +107,8 @@ void read_options(const std::string& text, const std::string& place, RunArgument
     a.waypoints = j.at("waypoints").get<std::vector<std::string>>();
     if (j.contains("stop")) a.stop = j["stop"].get<double>();
     if (j.contains("coupling")) a.coupling = text::choose(place, j["coupling"].get<std::string>(), kCouplingWords);
+    a.joint_names = j.at("joint_names").get<bool>();
+    a.no_view_data = j.at("no_view_data").get<bool>();
     a.real_time = j.at("real_time").get<bool>();
     a.clock = j.value("clock", "");
     a.cpus = j.value("cpu", "");
@@ -348,6 +352,8 @@ int run_scenario(RunArguments arguments) {
   options.types = units();
   options.folders = model_folders(scenario.folder);
   options.results = out;
+  options.view_data = !arguments.no_view_data;
+  options.joint_names = arguments.joint_names;
   options.threads = arguments.threads;
   if (!arguments.plain) options.page = page_of(scenario, arguments, options.folders);
   std::optional<ViewServer> server = view_server(arguments, options.folders);
@@ -361,8 +367,8 @@ int run_scenario(RunArguments arguments) {
     results.open();
     if (!earlier && !arguments.overwrite) kept = results.keep_earlier_run();
     if (!earlier && arguments.overwrite) {
-      for (const char* name :
-           {ResultsFolder::kSummary, ResultsFolder::kCheckpoint, ResultsFolder::kHistory, ResultsFolder::kPage})
+      for (const char* name : {ResultsFolder::kView, ResultsFolder::kSummary, ResultsFolder::kCheckpoint,
+                               ResultsFolder::kHistory, ResultsFolder::kPage})
         fs::remove(out / name);
     }
     RunRecord::Given given{.file = out / ResultsFolder::kRecord,
@@ -375,6 +381,7 @@ int run_scenario(RunArguments arguments) {
                            .attach = arguments.attach,
                            .detach = arguments.detach,
                            .results = {},
+                           .joint_names = arguments.joint_names,
                            .resumed_at = {}};
     if (!master->columns().empty()) given.results = out / ResultsFolder::kSignals;
     if (earlier) given.resumed_at = master->now().seconds();
