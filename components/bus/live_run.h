@@ -30,7 +30,8 @@ struct LiveSignal {
   Role role = Role::kOutput;
   std::size_t size = 1;     // elements
   std::size_t channel = 0;  // of the first element; the other ones follow it. Strings have none: they are listed only
-  std::string si;           // unit of measure of a real
+  std::string si;           // unit of measure of a real; "" where elements differ
+  Elements elements{};
   std::string description;
   double min = -std::numeric_limits<double>::infinity(), max = +std::numeric_limits<double>::infinity();
   bool discrete = false;      // a real output that is no point of a curve

@@ -26,6 +26,7 @@ bus::LiveSignal describe(const Member& member, const Variable& v) {
   s.role = v.role;
   s.size = v.size();
   s.si = v.si;
+  if (v.elements != nullptr) s.elements = *v.elements;
   s.description = v.description;
   s.min = v.min;
   s.max = v.max;

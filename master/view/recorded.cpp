@@ -3,13 +3,17 @@
 #include <algorithm>
 #include <cctype>
 #include <cmath>
+#include <cstring>
 #include <fstream>
 #include <limits>
+#include <nlohmann/json.hpp>
 #include <optional>
+#include <set>
 
-#include "master/results/recording.h"
+#include "master/results/results.h"
 #include "models/foundation/formats/csv.h"
 #include "models/foundation/support/error.h"
+#include "models/foundation/support/file.h"
 #include "models/foundation/support/text.h"
 
 namespace cotwin::master {
@@ -84,6 +88,29 @@ bool more_lines(csv::Reader& csv) {
   }
 }
 
+/// Gives signals what is known of their columns. `facts`: by the columns' own names.
+void tell(std::vector<RecordedSignal>& signals, const std::vector<std::string>& names, const report::ColumnFacts& facts) {
+  for (RecordedSignal& signal : signals) {
+    std::set<std::string> units;
+    for (std::size_t i = signal.first; i < signal.first + signal.count; ++i) {
+      const auto fact = facts.find(names[i]);
+      if (fact == facts.end()) break;
+      units.insert(fact->second.unit);
+      signal.elements.si.push_back(fact->second.unit);
+      if (!fact->second.joint.empty()) signal.elements.names.push_back(fact->second.joint);
+    }
+    if (signal.elements.names.size() != signal.count) signal.elements.names.clear();
+    if (units.size() == 1) signal.unit = *units.begin();
+    if (units.size() == 1 || signal.elements.si.size() != signal.count) signal.elements.si.clear();
+  }
+}
+
+report::ColumnFacts by_own_name(const report::ColumnFacts& in_file) {
+  report::ColumnFacts facts;
+  for (const auto& [name, fact] : in_file) facts.emplace(fact.name, fact);
+  return facts;
+}
+
 std::string rows(std::size_t count) { return std::to_string(count) + (count == 1 ? " row" : " rows"); }
 
 }  // namespace
@@ -94,7 +121,7 @@ const RecordedSignal* Recorded::find(std::string_view name) const {
 }
 
 Recorded load_recorded(const std::filesystem::path& file, const std::function<void(double)>& progress,
-                       const trajectory::TimeColumn& time) {
+                       const trajectory::TimeColumn& time, const report::ColumnFacts& facts) {
   csv::Reader csv(file);
   const std::vector<std::string>& names = csv.names();
   const std::size_t t = trajectory::find_time_column(csv, file.string(), time.name, report::kTimeRemedy);
@@ -103,11 +130,13 @@ Recorded load_recorded(const std::filesystem::path& file, const std::function<vo
   for (std::size_t i = 0; i < names.size(); ++i) {
     if (i == t) continue;
     from.push_back(i);
-    kept.push_back(names[i]);
+    const auto fact = facts.find(names[i]);
+    kept.push_back(fact == facts.end() ? names[i] : fact->second.name);
   }
   if (kept.empty()) throw Error(file.string(), "has no column besides the time, expected recorded signals");
   Recorded recorded;
   recorded.signals = signals_of(kept);
+  tell(recorded.signals, kept, by_own_name(facts));
   recorded.columns.resize(kept.size());
   recorded.names = kept;
   const std::string name = file.filename().string();
@@ -153,6 +182,71 @@ Recorded load_recorded(const std::filesystem::path& file, const std::function<vo
   if (no_numbers > 0)
     recorded.remarks.push_back(first_text + ": no number; such cells are shown as gaps (" + std::to_string(no_numbers) + ")");
   return recorded;
+}
+
+Recorded load_view_data(const std::filesystem::path& file) {
+  constexpr std::uint64_t kNoLimit = ~std::uint64_t{0};
+  constexpr double kMostElements = 1e6;
+  const std::string bytes = text::read_file(file, "what pages show of a run", kNoLimit);
+  const std::size_t end = bytes.find('\n');
+  const nlohmann::json heading = nlohmann::json::parse(bytes.substr(0, end), nullptr, false);
+  if (end == std::string::npos || report::member(heading, "format") != "cotwin view 1")
+    throw Error(file.string(), "has no heading of this version, expected view.bin of a run");
+  Recorded recorded;
+  for (const nlohmann::json& column : report::list_of(report::member(heading, "columns"))) {
+    const std::string name = report::text_of(report::member(column, "name"));
+    const double count = report::number_of(report::member(column, "elements"));
+    if (name == "time") continue;
+    if (name.empty() || !(count >= 1 && count + static_cast<double>(recorded.names.size()) <= kMostElements))
+      throw Error(file.string(), "has a heading that is damaged, expected names and numbers of elements");
+    recorded.signals.push_back({name, {}, recorded.names.size(), static_cast<std::size_t>(count)});
+    for (std::size_t i = 1; i <= recorded.signals.back().count; ++i)
+      recorded.names.push_back(count == 1 ? name : name + "[" + std::to_string(i) + "]");
+  }
+  tell(recorded.signals, recorded.names, report::column_facts({{"recording", heading}}));
+  const std::size_t width = recorded.names.size(), row = sizeof(std::int64_t) + width * sizeof(float);
+  recorded.columns.resize(width);
+  for (std::size_t at = end + 1; at + row <= bytes.size(); at += row) {
+    std::int64_t ns = 0;
+    std::memcpy(&ns, bytes.data() + at, sizeof ns);
+    if (std::abs(static_cast<double>(ns) * 1e-9) > kLatest || (!recorded.time.empty() && ns < recorded.time.back()))
+      throw Error(file.string(),
+                  "is damaged: the time of row " + std::to_string(recorded.time.size() + 1) + " goes back or is none");
+    recorded.time.push_back(ns);
+    for (std::size_t i = 0; i < width; ++i) {
+      float value = 0;
+      std::memcpy(&value, bytes.data() + at + sizeof ns + i * sizeof value, sizeof value);
+      recorded.columns[i].push_back(value);
+    }
+  }
+  return recorded;
+}
+
+Recorded joined(Recorded base, const Recorded& other) {
+  std::vector<std::size_t> chosen;
+  for (const RecordedSignal& signal : other.signals) {
+    if (base.find(signal.name) != nullptr) continue;
+    base.signals.push_back(signal);
+    base.signals.back().first = base.columns.size() + chosen.size();
+    for (std::size_t i = 0; i < signal.count; ++i) {
+      chosen.push_back(signal.first + i);
+      base.names.push_back(other.names[signal.first + i]);
+    }
+  }
+  const std::size_t first = base.columns.size(), last = other.time.empty() ? 0 : other.time.size() - 1;
+  base.columns.resize(first + chosen.size(), std::vector<double>(base.time.size(), std::numeric_limits<double>::quiet_NaN()));
+  for (std::size_t row = 0, at = 0; row < base.time.size() && !other.time.empty(); ++row) {
+    const std::int64_t t = base.time[row];
+    while (at < last && other.time[at + 1] <= t) ++at;
+    const std::size_t next = std::min(at + 1, last);
+    const auto length = static_cast<double>(other.time[next] - other.time[at]);
+    const double share = length > 0 ? std::clamp(static_cast<double>(t - other.time[at]) / length, 0.0, 1.0) : 0;
+    for (std::size_t k = 0; k < chosen.size(); ++k) {
+      const std::vector<double>& column = other.columns[chosen[k]];
+      base.columns[first + k][row] = share == 0 ? column[at] : column[at] + share * (column[next] - column[at]);
+    }
+  }
+  return base;
 }
 
 }  // namespace cotwin::master

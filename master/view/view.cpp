@@ -38,8 +38,9 @@ constexpr std::size_t kMostMatrices = 6000;
 
 /// The results that are shown.
 struct Results {
-  fs::path recording;
-  Json record;  // run.json; null without one
+  fs::path recording;  // empty: nothing was recorded by choice
+  fs::path view;       // view.bin; empty: there is none
+  Json record;         // run.json; null without one
   std::vector<std::string> remarks;
 };
 
@@ -52,13 +53,17 @@ Results find_results(const fs::path& given) {
     results.recording = given;
     return results;
   }
-  const fs::path whole = given / "signals.csv", part = given / "signals.csv.part", record = given / "run.json";
-  if (fs::is_regular_file(whole, none)) {
-    results.recording = whole;
-  } else if (fs::is_regular_file(part, none)) {
-    results.recording = part;
-    results.remarks.push_back("the run has not ended, or its process was killed: signals.csv.part is shown");
-  } else {
+  const fs::path record = given / "run.json";
+  const auto find = [&](const char* name) -> fs::path {
+    if (fs::is_regular_file(given / name, none)) return given / name;
+    const fs::path part = given / (std::string(name) + ".part");
+    if (!fs::is_regular_file(part, none)) return {};
+    results.remarks.push_back("the run has not ended, or its process was killed: " + part.filename().string() + " is shown");
+    return part;
+  };
+  results.recording = find("signals.csv");
+  results.view = find("view.bin");
+  if (results.recording.empty() && results.view.empty()) {
     throw Error(given.string(), "has no signals.csv, expected the folder of a run that recorded something");
   }
   if (fs::is_regular_file(record, none)) {
@@ -145,17 +150,6 @@ StagedModel named_robot(const std::string& name, const std::vector<fs::path>& fo
   return {std::make_shared<const robot::RobotModel>(robot::load_urdf(urdf, options)), urdf};
 }
 
-/// Units of measure from run.json.
-void name_units(const Json& record, Recorded& recorded) {
-  if (!record.contains("recording") || !record["recording"].contains("columns")) return;
-  for (const Json& column : record["recording"]["columns"]) {
-    const std::string name = text_of(column, {"name"});
-    for (RecordedSignal& signal : recorded.signals) {
-      if (signal.name == name) signal.unit = text_of(column, {"unit"});
-    }
-  }
-}
-
 /// What people should know of the run, as pairs of texts.
 Json facts_of(const Results& results, const Recorded& recorded) {
   Json facts = Json::array();
@@ -163,7 +157,7 @@ Json facts_of(const Results& results, const Recorded& recorded) {
     if (!value.empty()) facts.push_back({name, value});
   };
   const Json& record = results.record;
-  add("recording", results.recording.string());
+  add("recording", (results.recording.empty() ? results.view : results.recording).string());
   add("scenario", text_of(record, {"scenario", "file"}));
   add("begun", text_of(record, {"begun"}));
   add("cotwin", text_of(record, {"program", "version"}));
@@ -193,31 +187,35 @@ Json table_of(const std::vector<std::int64_t>& time, const std::vector<std::vect
     if (progress) progress(static_cast<double>(table["columns"].size()) / static_cast<double>(columns.size()));
     table["columns"].push_back(packer.add_reals(column));
   }
-  for (const RecordedSignal& signal : signals)
+  for (const RecordedSignal& signal : signals) {
     table["signals"].push_back(
         {{"name", signal.name}, {"unit", signal.unit}, {"first", signal.first}, {"count", signal.count}});
+    if (!signal.elements.si.empty()) table["signals"].back()["units"] = signal.elements.si;
+    if (!signal.elements.names.empty()) table["signals"].back()["joints"] = signal.elements.names;
+  }
   return table;
 }
 
-/// Plots at the beginning: those of the options, otherwise the first ones.
-Json plots_of(const ViewOptions& options, const std::optional<Scenario>& scenario, const Recorded& recorded) {
+/// Plots at the beginning: those of the options, otherwise the first ones that were recorded by choice. `all`: that and what pages show.
+Json plots_of(const ViewOptions& options, const std::optional<Scenario>& scenario, const Recorded& recorded,
+              const Recorded& all) {
   constexpr std::size_t kMost = 3;
   std::vector<std::string> names;
   const auto add = [&](const std::string& name, std::size_t most) {
-    const bool known = recorded.find(name) != nullptr && std::ranges::find(names, name) == names.end();
+    const bool known = all.find(name) != nullptr && std::ranges::find(names, name) == names.end();
     if (known && names.size() < most) names.push_back(name);
   };
   for (const std::string& pattern : options.plots) {
     bool any = false;
-    for (const RecordedSignal& signal : recorded.signals) {
-      const auto first = recorded.names.begin() + static_cast<std::ptrdiff_t>(signal.first);
+    for (const RecordedSignal& signal : all.signals) {
+      const auto first = all.names.begin() + static_cast<std::ptrdiff_t>(signal.first);
       const auto is_of = [&](const std::string& column) { return report::selects(pattern, column); };
       if (!glob(pattern, signal.name) && std::none_of(first, first + static_cast<std::ptrdiff_t>(signal.count), is_of))
         continue;
       any = true;
-      add(signal.name, recorded.signals.size());
+      add(signal.name, all.signals.size());
     }
-    if (!any) throw report::no_signal("--plot", pattern, recorded.names);
+    if (!any) throw report::no_signal("--plot", pattern, all.names);
   }
   if (!names.empty()) return names;
   for (const std::string& name : first_plots(scenario ? &*scenario : nullptr, recorded)) add(name, kMost);
@@ -274,24 +272,39 @@ ViewSummary write_view(const ViewOptions& options, std::span<const UnitType> typ
       if (options.progress) options.progress(what, share);
     };
   };
-  Recorded recorded = load_recorded(results.recording, progress("reading the recording"), options.time);
-  name_units(results.record, recorded);
+  const nlohmann::json record(results.record);
   ViewSummary summary;
   std::vector<std::string>& remarks = summary.remarks;
   remarks = results.remarks;
-  remarks.insert(remarks.end(), recorded.remarks.begin(), recorded.remarks.end());
-  const std::string other =
-      report::misfit(nlohmann::json(results.record), results.recording.filename().string(), recorded.names,
-                     recorded.time.size(), recorded.time.empty() ? 0 : static_cast<double>(recorded.time.back()) * 1e-9);
-  if (!other.empty()) remarks.push_back(other);
+  Recorded recorded;
+  std::optional<Recorded> view;
+  if (!results.recording.empty()) {
+    recorded = load_recorded(results.recording, progress("reading the recording"), options.time, report::column_facts(record));
+    remarks.insert(remarks.end(), recorded.remarks.begin(), recorded.remarks.end());
+    const std::string other =
+        report::misfit(record, results.recording.filename().string(), recorded.names, recorded.time.size(),
+                       recorded.time.empty() ? 0 : static_cast<double>(recorded.time.back()) * 1e-9);
+    if (!other.empty()) remarks.push_back(other);
+  }
+  try {
+    if (!results.view.empty()) view = load_view_data(results.view);
+  } catch (const Error& error) {
+    if (results.recording.empty()) throw;
+    remarks.push_back("only what was recorded by choice is shown: " + std::string(error.what()));
+  }
+  if (results.recording.empty()) {
+    recorded = std::move(*view);
+    view.reset();
+  }
+  const Recorded staged = view ? joined(*view, recorded) : recorded;
 
   const std::optional<Scenario> scenario = find_scenario(options, results, types, remarks);
   const std::vector<fs::path> folders = options.model_folders(scenario ? scenario->folder : fs::path());
   Stage stage;
   if (!options.robot.empty()) {
-    stage = stage_of(named_robot(options.robot, folders), recorded);
+    stage = stage_of(named_robot(options.robot, folders), staged);
   } else if (scenario) {
-    stage = stage_of(*scenario, recorded, types, folders);
+    stage = stage_of(*scenario, staged, types, folders);
   }
   remarks.insert(remarks.end(), stage.remarks.begin(), stage.remarks.end());
 
@@ -304,17 +317,18 @@ ViewSummary write_view(const ViewOptions& options, std::span<const UnitType> typ
   page["remarks"] = Json::array();
   page["tables"] = Json::array();
   page["tables"].push_back(table_of(recorded.time, recorded.columns, recorded.signals, packer, progress("packing")));
-  const std::vector<std::size_t> rows = chosen_rows(recorded, kMatricesPerSecond, kMostMatrices);
+  if (view) page["view"] = table_of(view->time, view->columns, view->signals, packer);
+  const std::vector<std::size_t> rows = chosen_rows(staged, kMatricesPerSecond, kMostMatrices);
   CalculatedTable calculated;
-  for (const std::size_t row : rows) calculated.time.push_back(recorded.time[row]);
-  page.update(
-      stage_json({stage, recorded, scenario ? &*scenario : nullptr, types, folders}, rows, calculated, packer, remarks));
+  for (const std::size_t row : rows) calculated.time.push_back(staged.time[row]);
+  page.update(stage_json({stage, staged, scenario ? &*scenario : nullptr, types, folders}, rows, calculated, packer, remarks));
   if (!calculated.signals.empty())
     page["tables"].push_back(table_of(calculated.time, calculated.columns, calculated.signals, packer));
   page["remarks"] = remarks;
-  page["plots"] = plots_of(options, scenario, recorded);
+  page["plots"] = plots_of(options, scenario, recorded, staged);
 
-  summary.page = options.out.empty() ? results.recording.parent_path() / "view.html" : options.out;
+  const fs::path& first = results.recording.empty() ? results.view : results.recording;
+  summary.page = options.out.empty() ? first.parent_path() / "view.html" : options.out;
   AtomicFile out(summary.page);
   const std::string data = for_script(page), numbers = packer.base64();
   out.stream() << std::string_view(empty).substr(0, mark) << "<script type=\"application/json\" id=\"cotwin-data\">" << data

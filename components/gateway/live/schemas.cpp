@@ -42,6 +42,7 @@ void Live::add_schemas(http::Router& router) {
       "causality": {"enum": ["input", "output", "parameter", "local"]},
       "variability": {"enum": ["fixed", "tunable", "discrete", "continuous"]},
       "settable": {"type": "boolean"}, "watchable": {"type": "boolean"}, "unit": {"type": "string"},
+      "units": {"type": "array", "items": {"type": "string"}}, "joints": {"type": "array", "items": {"type": "string"}},
       "description": {"type": "string"}, "min": {"type": "number"}, "max": {"type": "number"},
       "start": {"$ref": "#/components/schemas/Values"}},
     "required": ["name", "component", "variable", "type", "size", "causality", "variability", "settable", "watchable"],

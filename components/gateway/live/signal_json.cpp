@@ -55,6 +55,8 @@ Json describe(const bus::LiveSignal& s) {
          {"settable", s.settable()},
          {"watchable", s.kind != Kind::kString}};
   if (!s.si.empty()) j["unit"] = s.si;
+  if (!s.elements.si.empty()) j["units"] = s.elements.si;
+  if (!s.elements.names.empty()) j["joints"] = s.elements.names;
   if (!s.description.empty()) j["description"] = s.description;
   if (std::isfinite(s.min)) j["min"] = s.min;
   if (std::isfinite(s.max)) j["max"] = s.max;

@@ -30,6 +30,8 @@ export interface LiveSignal {
   settable: boolean;
   watchable: boolean;
   unit?: string;
+  units?: string[];
+  joints?: string[];
   description?: string;
   min?: number;
   max?: number;

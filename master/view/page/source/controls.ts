@@ -149,7 +149,8 @@ export class Controls {
 
   /// A signal; its sliders are made when it is opened.
   private entry(signal: LiveSignal): HTMLElement {
-    const unit = signal.unit === undefined || signal.unit === '1' ? '' : ` ${signal.unit}`;
+    const units = [...new Set(signal.units ?? [signal.unit ?? ''])].filter((unit) => unit !== '1');
+    const unit = ` ${units.join(', ')}`;
     const box = element('details', { class: 'settable', title: signal.description ?? '' }, element('summary', {}, signal.name, element('span', { class: 'unit' }, unit)));
     box.dataset['name'] = signal.name;
     const open = (): void => {
@@ -184,15 +185,18 @@ export class Controls {
   private rows(signal: LiveSignal, now: LiveElement[]): HTMLElement[] {
     const rows: Row[] = [];
     const several = signal.size > 1;
+    // One value for all has no meaning where they differ.
+    const has_all = several && signal.units === undefined;
     const count = Math.min(signal.size, kMostElements);
     // After a refusal the run's own values are shown again.
     const restore = async (): Promise<void> => {
       const values = await this.present(signal);
-      rows.forEach((row, i) => row.show(number_of(values[several ? Math.max(0, i - 1) : i])));
+      rows.forEach((row, i) => row.show(number_of(values[has_all ? Math.max(0, i - 1) : i])));
     };
-    if (several) rows.push(this.row(signal, 'all', signal.name, number_of(now[0]), (value) => rows.forEach((row) => row.show(value)), restore));
+    if (has_all) rows.push(this.row(signal, 'all', signal.name, number_of(now[0]), (value) => rows.forEach((row) => row.show(value)), restore));
     for (let i = 0; i < count; ++i) {
-      rows.push(this.row(signal, several ? `[${i + 1}]` : '', several ? `${signal.name}[${i + 1}]` : signal.name, number_of(now[i]), () => {}, restore));
+      const unit = signal.units === undefined ? '' : ` ${signal.units[i]}`;
+      rows.push(this.row(signal, several ? `${signal.joints?.[i] ?? `[${i + 1}]`}${unit}` : '', several ? `${signal.name}[${i + 1}]` : signal.name, number_of(now[i]), () => {}, restore));
     }
     const boxes = rows.map((row) => row.box);
     if (signal.size > count) boxes.push(element('div', { class: 'lacks' }, `the elements from ${count + 1} on: by "all" only`));
@@ -247,7 +251,7 @@ export class Controls {
         if (Number(number.value) === value) show(value);
       });
     });
-    return { box: element('div', { class: 'set' }, element('span', {}, label), slider, number), show };
+    return { box: element('div', { class: 'set', title: name }, element('span', {}, label), slider, number), show };
   }
 
   /// A value for some time of the run.

@@ -249,6 +249,8 @@ class Forces implements Cue {
   }
 }
 
+const effort_unit = (figure: FigureView, joint: number): string => (figure.robot.joints[joint]?.type === 'prismatic' ? 'N' : 'N·m');
+
 /// External torques as rings about the axes of the joints.
 class Torques implements Cue {
   readonly id = 'tau_e';
@@ -260,7 +262,8 @@ class Torques implements Cue {
   readonly calculates: string[] = [];
   private readonly group = new three.Group();
   private readonly rings: { figure: FigureView; joint: number; ring: three.Mesh; radius: number; drawn: number }[] = [];
-  private largest = 1;
+  /// Of torques (N·m) and of forces of slides (N), which are never compared.
+  private largest = new Map<string, number>();
   constructor(private readonly s: Scenery) {
     this.needs = s.figures.flatMap((figure) => figure.figure.tau_e.signals);
     this.lacks = this.needs.length > 0 ? '' : (s.figures[0]?.figure.tau_e.lacks ?? 'there is no robot');
@@ -281,26 +284,37 @@ class Torques implements Cue {
     this.s.scene.add(this.group);
   }
   refresh(): void {
-    const magnitudes: number[] = [];
+    const magnitudes = new Map<string, number[]>();
     for (const figure of this.s.figures) {
       const columns = this.s.recording.values(figure.figure.tau_e.signals[0] ?? '') ?? [];
       const stride = Math.max(1, Math.floor(this.s.recording.rows / 5000));
-      for (const column of columns) for (let i = 0; i < this.s.recording.rows; i += stride) magnitudes.push(Math.abs(column[i]!));
+      columns.forEach((column, joint) => {
+        const unit = effort_unit(figure, joint);
+        const list = magnitudes.get(unit) ?? [];
+        for (let i = 0; i < this.s.recording.rows; i += stride) list.push(Math.abs(column[i]!));
+        magnitudes.set(unit, list);
+      });
     }
-    this.largest = usual_largest(magnitudes);
+    for (const [unit, list] of magnitudes) this.largest.set(unit, usual_largest(list));
   }
   show(on: boolean): void {
     this.group.visible = on;
   }
   update(place: Place): string[] {
-    const lines: string[] = [`${short(this.largest)} N·m: three quarters of a turn`];
+    const lines: string[] = [`${[...this.largest].map(([unit, most]) => `${short(most)} ${unit}`).join(', ')}: three quarters of a turn`];
     for (const entry of this.rings) {
       const { figure, joint, ring, radius } = entry;
       const columns = this.s.recording.values(figure.figure.tau_e.signals[0]!)!;
       const column = columns[joint];
       const torque = column === undefined ? NaN : between(column, place);
-      if (joint === 0) lines.push(`${several(this.s.figures, figure)}${columns.map((values) => short(between(values, place))).join('  ')} N·m`);
-      const turn = Math.min(1.95, Math.max(-1.95, (1.5 * torque) / this.largest)) * Math.PI;
+      const unit = effort_unit(figure, joint);
+      if (joint === 0) {
+        for (const kind of new Set(columns.map((_, i) => effort_unit(figure, i)))) {
+          const own = columns.filter((_, i) => effort_unit(figure, i) === kind);
+          lines.push(`${several(this.s.figures, figure)}${own.map((values) => short(between(values, place))).join('  ')} ${kind}`);
+        }
+      }
+      const turn = Math.min(1.95, Math.max(-1.95, (1.5 * torque) / (this.largest.get(unit) ?? 1))) * Math.PI;
       ring.visible = Math.abs(turn) > 0.02;
       if (!ring.visible) continue;
       const rounded = Math.round(turn * 50) / 50;

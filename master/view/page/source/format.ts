@@ -19,7 +19,11 @@ export interface Packed {
 /// A recorded variable. Its values are `count` columns of the table from `first` on.
 export interface Signal {
   name: string;
+  /// Of measure; "" where elements differ, which then have `units`.
   unit: string;
+  units?: string[];
+  /// Names of the elements.
+  joints?: string[];
   first: number;
   count: number;
 }
@@ -212,6 +216,8 @@ export interface PageData {
   facts: [string, string][];
   remarks: string[];
   tables: Table[];
+  /// What pages show of a run, beside what the user recorded.
+  view?: Table;
   robots: Robot[];
   figures: Figure[];
   bodies: Body[];

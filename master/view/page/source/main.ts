@@ -9,7 +9,7 @@ import { cues_of, type Cue } from './cues';
 import { button, element } from './dom';
 import { kRoles } from './colours';
 import { BodyView, FigureView, needed_signals } from './figures';
-import type { PageData, Visual } from './format';
+import type { PageData, Signal, Visual } from './format';
 import { reach_of } from './kinematics';
 import { LiveRecording } from './live_recording';
 import { LiveMatrices, RecordedMatrices, type Matrices } from './matrices';
@@ -19,7 +19,7 @@ import { looks_of } from './shapes';
 import { unpack } from './packed';
 import { Player } from './player';
 import { Plot, TimeWindow } from './plots';
-import { Recording } from './recording';
+import { Joined, Recording } from './recording';
 import { Stage } from './stage';
 
 /// So many notes are open at the beginning.
@@ -93,14 +93,20 @@ class Page {
   private readonly state = element('span', { class: 'state', role: 'status' });
   private readonly now = button('live', 'show the newest time (End)', () => this.follow());
 
-  /// `numbers`: packed, base64. `live`: undefined for a recording.
+  /// What the 3D view and the cues draw from.
+  private readonly scenery: Recording;
+
+  /// `numbers`: packed, base64. `live`: undefined for a recording. `view`: what pages show beside it.
   constructor(
     private readonly data: PageData,
     private readonly recording: Recording,
     private readonly numbers: string,
     private readonly live?: Live,
+    private readonly view?: Recording,
   ) {
-    this.lights = new Lights(data.lights, recording);
+    if (view === undefined) this.scenery = recording;
+    else this.scenery = recording.rows >= view.rows ? new Joined(recording, view) : new Joined(view, recording);
+    this.lights = new Lights(data.lights, this.scenery);
   }
 
   async open(): Promise<void> {
@@ -113,7 +119,9 @@ class Page {
     // The time alone is worth a stream, too.
     const first = live !== undefined && needed.length === 0 ? this.recording.table.signals.slice(0, 1).map((signal) => signal.name) : needed;
     let refused = 0;
-    await Promise.all([this.recording.open(), calculated?.open(), ...first.map((name) => this.recording.load(name).catch(() => ++refused))]);
+    await Promise.all([this.recording.open(), this.view?.open(), calculated?.open()]);
+    if (this.view !== undefined) await this.scenery.open();
+    await Promise.all(first.map((name) => this.scenery.load(name).catch(() => ++refused)));
     if (refused > 0) this.remark(`${refused} of the ${first.length} signals of robots and bodies are more than a stream can have: what they move stands still`);
     const { time, rows } = this.recording;
     this.player = new Player(rows > 0 ? time[0]! : 0, rows > 0 ? time[rows - 1]! : 0, live !== undefined);
@@ -154,7 +162,7 @@ class Page {
     return this.player.time;
   }
   plot_values(): Record<string, string[]> {
-    return Object.fromEntries(this.plots.map((plot) => [plot.name, plot.texts()]));
+    return Object.fromEntries(this.plots.map((plot) => [plot.key, plot.texts()]));
   }
   /// Frames per second of the last 60 frames while playing.
   get rate(): number {
@@ -187,7 +195,7 @@ class Page {
     const close = button('close', 'close', () => this.help.close());
     this.help.append(element('h2', {}, 'Keys'), keys, element('h2', {}, 'In a plot'), element('p', {}, 'Drag: the time. Shift and drag: the shown range. Wheel: closer, farther. Double click: everything.'), element('h2', {}, 'This run'), facts, close);
     const add = element('select', { 'aria-label': 'add a plot' }, element('option', { value: '' }, 'add a plot …'));
-    for (const signal of this.recording.table.signals) add.append(element('option', { value: signal.name }, signal.count > 1 ? `${signal.name} (${signal.count})` : signal.name));
+    for (const signal of this.all_signals()) add.append(element('option', { value: signal.name }, signal.count > 1 ? `${signal.name} (${signal.count})` : signal.name));
     add.addEventListener('change', () => {
       void this.add_plot(add.value);
       add.value = '';
@@ -229,6 +237,12 @@ class Page {
     keys.id = 'keys';
   }
 
+  /// What was recorded by choice, then what pages show.
+  private all_signals(): Signal[] {
+    const beside = this.view?.table.signals.filter((signal) => this.recording.signal(signal.name) === undefined) ?? [];
+    return [...this.recording.table.signals, ...beside];
+  }
+
   private remark(text: string): void {
     this.remarks.append(element('li', {}, text));
     const count = this.remarks.childElementCount;
@@ -250,15 +264,15 @@ class Page {
     ]);
     this.stage = new Stage(this.canvas);
     const of = (visual: object): Float32Array | undefined => points.get(visual);
-    this.figures = data.figures.map((figure) => new FigureView(figure, data.robots[figure.robot]!, this.recording, of, meshes));
+    this.figures = data.figures.map((figure) => new FigureView(figure, data.robots[figure.robot]!, this.scenery, of, meshes));
     const fixed = matte({ color: '#aab3bf', side: three.DoubleSide });
     const moving = matte({ color: '#56a0c9', side: three.DoubleSide });
     const ghost = looks_of(kRoles.other, 0.3).body;
     const instances = new Instances();
-    this.bodies = data.bodies.map((body) => new BodyView(body, this.recording, of, meshes, body.ghost ? ghost : body.fixed ? fixed : moving, instances));
+    this.bodies = data.bodies.map((body) => new BodyView(body, this.scenery, of, meshes, body.ghost ? ghost : body.fixed ? fixed : moving, instances));
     instances.build();
     this.stage.scene.add(instances.group, ...[...this.figures, ...this.bodies].map((view) => view.group));
-    const place = this.recording.place(this.player.time);
+    const place = this.scenery.place(this.player.time);
     for (const view of [...this.figures, ...this.bodies]) view.place(place, this.player.time);
     this.dress();
     this.add_cues();
@@ -273,7 +287,7 @@ class Page {
   }
 
   private add_cues(): void {
-    const { data, recording, figures, bodies } = this;
+    const { data, scenery: recording, figures, bodies } = this;
     if (this.live !== undefined) this.calculated = new LiveMatrices(recording, figures);
     const calculated = this.calculated;
     const size = Math.max(0.3, ...figures.map((view) => reach_of(view.robot)));
@@ -286,10 +300,12 @@ class Page {
       const swatch = element('span', { class: 'swatch' });
       swatch.style.background = cue.lacks === '' ? cue.colour : 'transparent';
       box.disabled = cue.lacks !== '';
-      const label = element('label', cue.lacks === '' ? {} : { class: 'lacking' }, box, swatch, cue.label, element('kbd', {}, cue.key));
-      const entry = element('div', { class: 'cue', 'data-cue': cue.id }, label);
-      if (cue.lacks !== '') entry.append(element('div', { class: 'lacks' }, `no data: ${cue.lacks}`));
-      entry.append(text);
+      const label = element('label', {}, box, swatch, cue.label, element('kbd', {}, cue.key));
+      const entry = element('div', { class: 'cue', 'data-cue': cue.id }, label, text);
+      if (cue.lacks !== '') {
+        label.className = 'lacking';
+        entry.title = `no data: ${cue.lacks}`;
+      }
       if (cue.content !== undefined) entry.append(cue.content);
       panel.append(entry);
       this.entries.set(cue.id, { box, text });
@@ -305,7 +321,7 @@ class Page {
     if (on && !this.built.has(cue.id)) {
       this.built.add(cue.id);
       try {
-        await Promise.all([...cue.needs.map((name) => this.recording.load(name)), ...cue.calculates.map((name) => this.calculated!.load(name))]);
+        await Promise.all([...cue.needs.map((name) => this.scenery.load(name)), ...cue.calculates.map((name) => this.calculated!.load(name))]);
       } catch (error) {
         this.remark(error instanceof Error ? error.message : String(error));
       }
@@ -319,33 +335,38 @@ class Page {
   }
 
   private async add_plot(name: string): Promise<void> {
-    const signal = this.recording.signal(name);
+    const source = this.recording.signal(name) === undefined && this.view !== undefined ? this.view : this.recording;
+    const signal = source.signal(name);
     if (signal === undefined || this.plots.some((plot) => plot.name === name)) return;
     const slot = element('div', {});
     this.plot_list.append(slot);
     try {
-      await this.recording.load(name);
+      await source.load(name);
     } catch (error) {
       slot.remove();
       return this.remark(error instanceof Error ? error.message : String(error));
     }
-    const plot = new Plot(
-      name,
-      signal.unit,
-      this.recording,
-      this.recording.values(name)!,
-      this.range,
-      (t) => this.seek(t),
-      () => this.draw_plots(),
-      () => {
-        this.plots = this.plots.filter((other) => other !== plot);
-        plot.destroy();
-      },
-    );
-    this.plots.push(plot);
-    slot.replaceWith(plot.box);
-    plot.build();
-    plot.follow(this.player.time);
+    // One for each unit of measure.
+    const units = signal.units ?? [signal.unit];
+    for (const unit of new Set(units)) {
+      const plot: Plot = new Plot(
+        signal,
+        unit,
+        source,
+        source.values(name)!.map((column, i) => ({ column, element: i })).filter(({ element: i }) => (units[i] ?? unit) === unit),
+        this.range,
+        (t) => this.seek(t),
+        () => this.draw_plots(),
+        () => {
+          this.plots = this.plots.filter((other) => other !== plot);
+          plot.destroy();
+        },
+      );
+      this.plots.push(plot);
+      slot.append(plot.box);
+      plot.build();
+      plot.follow(this.player.time);
+    }
   }
 
   private draw_plots(): void {
@@ -363,7 +384,7 @@ class Page {
       if (own.getSize(new three.Vector3()).length() < 15) box.union(own);
     }
     for (const view of this.figures) {
-      const way = view.trail(view.main, this.recording, 100);
+      const way = view.trail(view.main, this.scenery, 100);
       for (let i = 0; i + 2 < way.length; i += 3) box.expandByPoint(new three.Vector3(way[i], way[i + 1], way[i + 2]));
     }
     if (box.isEmpty()) box.set(new three.Vector3(-0.5, -0.5, 0), new three.Vector3(0.5, 0.5, 1));
@@ -444,7 +465,7 @@ class Page {
       for (const plot of this.plots) plot.draw();
     }
     if (is_due || this.live === undefined || !following) for (const plot of this.plots) plot.follow(t);
-    const place = this.recording.place(t);
+    const place = this.scenery.place(t);
     this.lights.update(place.row);
     if (this.stage === undefined) return;
     for (const view of this.figures) view.place(place, t);
@@ -555,7 +576,8 @@ async function live_page(): Promise<Page> {
   const watched = signals
     .filter((signal) => signal.watchable && signal.size > 0)
     .map((signal) => {
-      const entry = { name: signal.name, unit: signal.unit ?? '', first, count: signal.size };
+      const { units, joints } = signal;
+      const entry: Signal = { name: signal.name, unit: signal.unit ?? '', first, count: signal.size, ...(units && { units }), ...(joints && { joints }) };
       first += signal.size;
       return entry;
     });
@@ -569,7 +591,7 @@ async function live_page(): Promise<Page> {
 function recorded_page(text: string): Page {
   const data = JSON.parse(text) as PageData;
   const numbers = content_of('cotwin-numbers');
-  return new Page(data, new Recording(data.tables[0]!, numbers), numbers);
+  return new Page(data, new Recording(data.tables[0]!, numbers), numbers, undefined, data.view && new Recording(data.view, numbers));
 }
 
 async function start(): Promise<void> {

@@ -2,6 +2,7 @@ import uPlot from 'uplot';
 import { kSeries, style_colour } from './colours';
 import { Extremes, decimate } from './decimate';
 import { button, element, short } from './dom';
+import type { Signal } from './format';
 import { last_not_above, type Recording } from './recording';
 
 /// The range of times that all plots show.
@@ -48,7 +49,7 @@ export class TimeWindow {
   }
 }
 
-/// A plot of all elements of one signal.
+/// A plot of the elements of one signal that have the same unit of measure.
 export class Plot {
   readonly box: HTMLElement;
   private readonly chart_box = element('div', { class: 'chart' });
@@ -58,25 +59,31 @@ export class Plot {
   private readonly shown: boolean[];
   private chart: uPlot | undefined;
 
+  private readonly columns: Float32Array[];
+
   constructor(
-    readonly name: string,
-    unit: string,
+    private readonly signal: Signal,
+    private readonly unit: string,
     private readonly recording: Recording,
-    private readonly columns: Float32Array[],
+    elements: { column: Float32Array; element: number }[],
     private readonly range: TimeWindow,
     private readonly seek: (t: number) => void,
     private readonly changed: () => void,
     close: () => void,
   ) {
+    const columns = (this.columns = elements.map(({ column }) => column));
     this.extremes = columns.map((column) => new Extremes(column, recording.grows));
     this.shown = columns.map(() => true);
     const legend = element('div', { class: 'legend' });
-    columns.forEach((_, i) => {
+    const name = signal.name;
+    elements.forEach(({ element: index }, i) => {
+      const number = signal.count > 1 ? `[${index + 1}]` : '';
+      const joint = signal.joints?.[index];
       const value = element('span', { class: 'value' });
       this.values.push(value);
       const key = element('span', { class: i < kSeries.length ? 'key' : 'key dashed' });
       key.style.borderTopColor = kSeries[i % kSeries.length]!;
-      const entry = element('button', { type: 'button', class: 'entry', 'aria-pressed': 'true', title: 'show or hide this line' }, key, columns.length > 1 ? `[${i + 1}] ` : '', value);
+      const entry = element('button', { type: 'button', class: 'entry', 'aria-pressed': 'true', title: `${name}${number}: show or hide this line` }, key, element('span', { class: 'joint' }, `${joint ?? number} `), value);
       entry.addEventListener('click', () => {
         this.shown[i] = !this.shown[i];
         entry.setAttribute('aria-pressed', String(this.shown[i]));
@@ -94,6 +101,14 @@ export class Plot {
     );
     this.listen();
     new ResizeObserver(() => this.build()).observe(this.chart_box);
+  }
+
+  get name(): string {
+    return this.signal.name;
+  }
+  /// The name, with the unit of measure where the signal has several.
+  get key(): string {
+    return this.signal.units === undefined ? this.name : `${this.name} ${this.unit}`;
   }
 
   /// Makes the chart again: after a change of size, colours or shown lines.

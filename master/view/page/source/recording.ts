@@ -95,6 +95,45 @@ export class Recording {
   }
 }
 
+/// Signals whose values hold until the next row.
+const kHeld = /\.(contact_p|contact_f|closed|zone|present|scale)$/;
+
+/// A recording with the signals that only another one has, at its own times.
+export class Joined extends Recording {
+  private readonly taken = new Map<string, Float32Array[]>();
+
+  constructor(
+    private readonly base: Recording,
+    private readonly other: Recording,
+  ) {
+    super(base.table, '');
+  }
+  override open(): Promise<void> {
+    this.time = this.base.time;
+    return Promise.resolve();
+  }
+  override signal(name: string): Signal | undefined {
+    return this.base.signal(name) ?? this.other.signal(name);
+  }
+  override async load(name: string): Promise<boolean> {
+    if (this.base.signal(name) !== undefined) return this.base.load(name);
+    if (!(await this.other.load(name))) return false;
+    const held = kHeld.test(name);
+    const at = (column: Float32Array, t: number): number => {
+      const place = this.other.place(t);
+      return held ? column[place.share === 1 ? place.next : place.row]! : between(column, place);
+    };
+    this.taken.set(
+      name,
+      this.other.values(name)!.map((column) => Float32Array.from(this.time, (t) => at(column, t))),
+    );
+    return true;
+  }
+  override values(name: string): Float32Array[] | undefined {
+    return this.base.signal(name) !== undefined ? this.base.values(name) : this.taken.get(name);
+  }
+}
+
 /// The value of a column between two rows; that of the other row where one is not finite.
 export function between(column: Float32Array, { row, next, share }: Place): number {
   const a = column[row]!;

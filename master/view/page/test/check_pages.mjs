@@ -96,9 +96,9 @@ async function press_keys(browser) {
 }
 
 async function switch_cues(browser, page) {
-  const entries = await browser.evaluate("Object.fromEntries([...document.querySelectorAll('.cue')].map((cue) => [cue.dataset.cue, { off: cue.querySelector('input').disabled, key: cue.querySelector('kbd').textContent, text: cue.textContent }]))");
+  const entries = await browser.evaluate("Object.fromEntries([...document.querySelectorAll('.cue')].map((cue) => [cue.dataset.cue, { off: cue.querySelector('input').disabled, key: cue.querySelector('kbd').textContent, text: cue.textContent, title: cue.title }]))");
   for (const id of page.lacking ?? []) {
-    check(entries[id]?.off === true && /no data: \S/.test(entries[id].text), `cue ${id} should say what must be recorded, it is: ${JSON.stringify(entries[id])}`);
+    check(entries[id]?.off === true && /^no data: \S/.test(entries[id].title), `cue ${id} should say what must be recorded, it is: ${JSON.stringify(entries[id])}`);
   }
   for (const id of page.cues ?? []) {
     check(entries[id]?.off === false, `cue ${id} has no data: ${entries[id]?.text}`);
