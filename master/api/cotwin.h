@@ -15,14 +15,13 @@
 #include "models/foundation/support/error.h"
 
 /// \file
-/// The public interface of Cotwin, installed as `cotwin/cotwin.h`: run a scenario, evaluate the dynamics of a robot, tune a
-/// robot to measured torques, design exciting motions, ask the motion services. It is stable by promise: within a major version (before 1.0: within a minor version) it is only
-/// extended. Other headers below `cotwin/` may change at any time.
+/// The public interface of Cotwin, installed as `cotwin/cotwin.h`: run a scenario, evaluate the dynamics of a robot, tune a robot to
+/// measured torques, design exciting motions, ask the motion services. It is stable by promise: within a major version (before 1.0:
+/// within a minor version) it is only extended. Other headers below `cotwin/` may change at any time.
 ///
-/// Conventions: SI (m, kg, s, rad, N, N.m) everywhere; vectors of n elements in the order of the robot's joints (URDF,
-/// depth-first); the base frame B is the URDF's root link. Every function throws cotwin::Error for what a caller or a file has
-/// wrong, with place, fact and expectation in its message. An object is used by one thread at a time; different objects are
-/// independent.
+/// Conventions: SI (m, kg, s, rad, N, N.m) everywhere; vectors of n elements in the order of the robot's joints (URDF, depth-first); the
+/// base frame B is the URDF's root link. Every function throws cotwin::Error for what a caller or a file has wrong, with place, fact and
+/// expectation in its message. An object is used by one thread at a time; different objects are independent.
 ///
 /// \class cotwin::Error
 /// The type of all exceptions of this library (`models/foundation/support/error.h`), a std::runtime_error.
@@ -125,8 +124,7 @@ class COTWIN_API Robot {
   /// this mass, while all its other motions are free. +infinity along a direction in which the joints cannot move it (singular
   /// position). \param q n, rad or m \param u direction, of any length but zero \param frame as in forward_kinematics()
   /// \param axes those of u \param motor_inertia of the motors behind the gears, n, kg.m^2 or kg, not negative; it is added to
-  /// M's diagonal (slow motions); +infinity: the joint is locked; empty: the motors are free (blows). Throws Error for u = 0 and
-  /// wrong values.
+  /// M's diagonal (slow motions); +infinity: the joint is locked; empty: they are free (blows). Throws Error for u = 0 and wrong values.
   double effective_mass(std::span<const double> q, const std::array<double, 3>& u, const std::string& frame = "",
                         Axes axes = Axes::kBase, std::span<const double> motor_inertia = {});
   /// Effective inertia of a frame about u, 1/(u' J_w M^-1 J_w' u), kg.m^2: a moment about u over the angular acceleration about
@@ -248,15 +246,17 @@ struct ProgramUnitType {
 
 /// A table of numbers over time.
 struct Recording {
-  std::vector<std::string> names;  ///< of the columns: "time", then "drive.q[1]", "drive.q[2]" …
-  std::size_t rows = 0;            ///< number of rows
-  std::vector<double> values;      ///< rows x names.size(), by rows; time in s, others in the variables' units of measure
-  bool cut = false;                ///< the file ends within a row, which was left out
+  std::vector<std::string> names;   ///< of the columns: "time", then "drive.q[1]", "drive.q[2]" …
+  std::size_t rows = 0;             ///< number of rows
+  std::vector<double> values;       ///< rows x names.size(), by rows; time in s, others in the variables' units of measure
+  bool cut = false;                 ///< the file ends within a row, which was left out
+  std::vector<std::string> units;   ///< of measure of each column; empty: they are not known
+  std::vector<std::string> joints;  ///< names of the joints of columns, "" where there is none; empty: they are not known
 };
 
-/// Reads a recording, or another CSV file of numbers with a header and a time. \param file signals.csv. \param t_column name of the
-/// time column; empty: t, time or timestamp. It becomes the first one, "time". \param t_unit s per unit of it. Throws Error, with file
-/// and line, if the file cannot be read, has no such column, and for cells that are no numbers; "nan" and "inf" are numbers.
+/// Reads a recording, or another CSV file of numbers with a header and a time. \param file signals.csv; a run.json beside it tells units
+/// and joints. \param t_column name of the time column, which becomes "time"; empty: t, time or timestamp. \param t_unit s per unit of it.
+/// Throws Error, with file and line, if it cannot be read, has no such column, and for cells that are no numbers; "nan" and "inf" are.
 COTWIN_API Recording load_recording(const std::filesystem::path& file, const std::string& t_column = "", double t_unit = 1);
 
 // ---- Scenarios -------------------------------------------------------------------------------------------------------------
@@ -284,23 +284,25 @@ struct ScenarioText {
 
 /// A variable of a component.
 struct VariableInfo {
-  std::string name;         ///< "drive.tau_J"
-  std::string role;         ///< "input", "output", "parameter", "tunable" or "state"
-  std::string kind;         ///< "real", "integer", "boolean" or "string"
-  std::string si;           ///< unit of measure of a real variable, "N.m"
-  std::size_t size = 0;     ///< number of elements
-  std::string description;  ///< meaning, in a sentence
+  std::string name;                ///< "drive.tau_J"
+  std::string role;                ///< "input", "output", "parameter", "tunable" or "state"
+  std::string kind;                ///< "real", "integer", "boolean" or "string"
+  std::string si;                  ///< unit of measure of a real variable, "N.m"; empty where elements differ
+  std::size_t size = 0;            ///< number of elements
+  std::string description;         ///< meaning, in a sentence
+  std::vector<std::string> units;  ///< of elements that differ; else empty
 };
 
 /// RMS and largest magnitude of a signal, over all ticks of a run.
 struct Figure {
-  std::string name;         ///< of the scenario's report, "joint torque"
-  std::string signal;       ///< "drive.tau_J", "drive.q - motion.q_d"
-  std::string si;           ///< unit of measure of the figures
-  std::vector<double> rms;  ///< per element
-  std::vector<double> max;  ///< largest magnitude per element
-  double total_rms = 0;     ///< over all elements
-  double total_max = 0;     ///< over all elements
+  std::string name;                ///< of the scenario's report, "joint torque"
+  std::string signal;              ///< "drive.tau_J", "drive.q - motion.q_d"
+  std::string si;                  ///< unit of measure of the figures; empty where elements differ
+  std::vector<double> rms;         ///< per element
+  std::vector<double> max;         ///< largest magnitude per element
+  double total_rms = 0;            ///< over all elements; NaN where units differ
+  double total_max = 0;            ///< over all elements; NaN where units differ
+  std::vector<std::string> units;  ///< of elements that differ; else empty
 };
 
 /// What a run was like.
@@ -363,8 +365,7 @@ class COTWIN_API Simulation {
   /// Steps until time() is `t` or, between two ticks, the next tick after it. Returns false if the run ended before.
   /// \param t s. Throws Error as step() does.
   bool run_to(double t);
-  /// Steps to the stop time, closes the recording and returns result(). Throws Error as step() does, and if the recording
-  /// cannot be written.
+  /// Steps to the stop time, closes the recording and returns result(). Throws Error as step() does, and if that cannot be written.
   RunResult run();
   /// Ends the run at the present time: ends the units, writes the recording and closes it. Later steps do nothing. Throws Error if
   /// the recording cannot be written.

@@ -1,4 +1,5 @@
 #include "master/api/cotwin.h"
+#include "master/results/results.h"
 #include "models/foundation/formats/csv.h"
 #include "models/foundation/support/file.h"
 #include "models/trajectory/columns.h"
@@ -20,6 +21,18 @@ Recording load_recording(const std::filesystem::path& file, const std::string& t
   recording.names = reader.names();
   recording.names.erase(recording.names.begin() + static_cast<std::ptrdiff_t>(time));
   recording.names.insert(recording.names.begin(), "time");
+  try {
+    const nlohmann::json record =
+        nlohmann::json::parse(text::read_file(file.parent_path() / "run.json", "JSON"), nullptr, false);
+    const report::ColumnFacts facts = report::column_facts(record);
+    for (std::string& name : recording.names) {
+      const auto fact = facts.find(name);
+      recording.units.push_back(fact == facts.end() ? name == "time" ? "s" : "" : fact->second.unit);
+      recording.joints.push_back(fact == facts.end() ? "" : fact->second.joint);
+      if (fact != facts.end()) name = fact->second.name;
+    }
+  } catch (const Error&) {  // there is none
+  }
   while (reader.next()) {
     recording.values.push_back(t_unit * reader.real(time));
     for (std::size_t column = 0; column < recording.names.size(); ++column) {

@@ -56,8 +56,16 @@ class Rows {
  public:
   explicit Rows(const master::Master& master) : columns_(master.columns()), every_(master.scenario().decimation) {
     recording_.names = {"time"};
-    for (const master::Column& column : columns_)
+    recording_.units = {"s"};
+    recording_.joints = {""};
+    for (const master::Column& column : columns_) {
       recording_.names.insert(recording_.names.end(), column.names.begin(), column.names.end());
+      const Elements elements = column.signal.of_elements();
+      for (std::size_t i = 0; i < column.signal.count; ++i) {
+        recording_.units.push_back(column.signal.variable->si_of(column.signal.first + i));
+        recording_.joints.push_back(elements.names.empty() ? "" : elements.names[i]);
+      }
+    }
   }
 
   /// After the start and after each tick: a row at each multiple of the decimation, and at the end, as the recorder makes them.
@@ -94,6 +102,7 @@ master::MasterOptions options_of(const SimulationOptions& options, const master:
   made.folders = options.folders;
   for (fs::path& folder : master::model_folders(scenario.folder)) made.folders.push_back(std::move(folder));
   made.results = options.results;
+  made.view_data = !options.results.empty();
   made.threads = options.threads;
   return made;
 }
@@ -208,7 +217,7 @@ std::vector<VariableInfo> Simulation::variables() const {
   for (const master::Member& member : impl_->master.members()) {
     for (const Variable& v : member.variables()) {
       all.push_back({member.name() + "." + v.name, std::string(name_of(v.role)), std::string(name_of(v.kind())), v.si, v.size(),
-                     v.description});
+                     v.description, v.mixed() ? v.elements->si : std::vector<std::string>()});
     }
   }
   return all;
@@ -321,7 +330,7 @@ RunResult Simulation::result() const {
   RunResult result{summary.start,    summary.reached,   summary.stop, summary.ticks, summary.wall_seconds, {},
                    summary.warnings, summary.recording, summary.rows};
   for (const master::Tally& t : summary.tallies)
-    result.figures.push_back({t.name, t.what, t.si, t.rms, t.max, t.total_rms, t.total_max});
+    result.figures.push_back({t.name, t.what, t.si, t.rms, t.max, t.total_rms, t.total_max, t.elements.si});
   return result;
 }
 

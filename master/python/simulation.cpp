@@ -168,8 +168,11 @@ void bind_simulation(py::module_& m) {
       .def_readonly("si", &VariableInfo::si, "Unit of measure of a real variable, \"N.m\".")
       .def_readonly("size", &VariableInfo::size, "Number of elements.")
       .def_readonly("description", &VariableInfo::description, "Meaning, in a sentence.")
+      .def_readonly("units", &VariableInfo::units, "Units of measure of elements that differ; else empty.")
       .def("__repr__", [](const VariableInfo& v) {
-        return "<" + v.role + " " + v.name + "[" + std::to_string(v.size) + "], " + v.si + ": " + v.description + ">";
+        std::string si = v.si;
+        for (const std::string& unit : v.units) si += (si.empty() ? "" : ", ") + unit;
+        return "<" + v.role + " " + v.name + "[" + std::to_string(v.size) + "], " + si + ": " + v.description + ">";
       });
   py::class_<Figure>(m, "Figure", "RMS and largest magnitude of a signal, over all ticks of a run.")
       .def_readonly("name", &Figure::name, "Name in the scenario's report.")
@@ -181,9 +184,12 @@ void bind_simulation(py::module_& m) {
       .def_property_readonly(
           "max", [](const Figure& f) { return array_of(f.max, {static_cast<py::ssize_t>(f.max.size())}); },
           "Largest magnitude of each element.")
-      .def_readonly("total_rms", &Figure::total_rms, "RMS of all elements together.")
-      .def_readonly("total_max", &Figure::total_max, "Largest magnitude of all elements.")
+      .def_readonly("total_rms", &Figure::total_rms, "RMS of all elements together; nan where their units of measure differ.")
+      .def_readonly("total_max", &Figure::total_max,
+                    "Largest magnitude of all elements; nan where their units of measure differ.")
+      .def_readonly("units", &Figure::units, "Units of measure of elements that differ; else empty.")
       .def("__repr__", [](const Figure& f) {
+        if (!f.units.empty()) return "<" + f.name + ": of elements in different units of measure>";
         return "<" + f.name + ": RMS " + std::to_string(f.total_rms) + " " + f.si + ", max " + std::to_string(f.total_max) +
                ">";
       });

@@ -85,6 +85,8 @@ std::string ask_it(const std::string& request, const std::string& robot, const s
 void bind_tools(py::module_& m) {
   py::class_<Recording>(m, "Table")
       .def_readonly("names", &Recording::names)
+      .def_readonly("units", &Recording::units)
+      .def_readonly("joints", &Recording::joints)
       .def_property_readonly("values", &table)
       .def_readonly("cut", &Recording::cut);
   m.def("load_table", &load_recording, "file"_a, "t_column"_a = "", "t_unit"_a = 1.0, py::call_guard<py::gil_scoped_release>());

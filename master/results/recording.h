@@ -79,10 +79,10 @@ class RowReader {
 struct Residual {
   std::string name, unit, a, b;
   double factor = 1, offset = 0;
-  std::vector<std::string> units;     // of elements that differ; else empty
   std::vector<std::string> elements;  // names of the columns of a
   std::vector<Curve> curves;          // empty if the signals were not recorded
   bool attitude = false;              // a rotation vector: three curves
+  std::vector<std::string> units{};   // of elements that differ; else empty
 };
 
 /// Time in contact, as far as the recorded rows show it.

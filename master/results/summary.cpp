@@ -384,6 +384,10 @@ void write_json(std::ostream& out, const Summary& s, const Outcome& outcome) {
     write_signals(j["signals"].back(), t.a, t.b, t.factor, t.offset);
     if (t.attitude) j["signals"].back()["attitude"] = true;
     write_elements(j["signals"].back(), t.elements);
+    if (t.elements.si.empty()) continue;
+    for (const ElementKind& kind : kinds_of(t.si, t.elements, t.rms.size()))
+      j["signals"].back()["totals"].push_back(
+          {{"unit", kind.si}, {"rms", finite(joined_rms(kind.of(t.rms)))}, {"max", finite(largest_of(kind.of(t.max)))}});
   }
   j["comparisons"] = ordered_json::array();
   for (const Compared& c : s.comparisons) {

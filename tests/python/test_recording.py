@@ -29,6 +29,21 @@ class Load(Case):
         with self.assertError("'a.z'", "a.q, b.y"):
             r["a.z"]
 
+    def test_units_and_joints_are_those_of_the_record_of_the_run(self):
+        self.write(
+            """{"recording": {"joint_names": true, "columns": [{"name": "time", "elements": 1, "unit": "s"},
+               {"name": "a.q", "elements": 2, "unit": "", "units": ["rad", "m"], "joints": ["elbow", "a slide"]}]}}""",
+            "run.json",
+        )
+        r = cotwin.Recording.load(self.write("time,a.q[elbow],a.q[a slide]\n0,1,2\n").parent)
+        self.assertEqual(r.names, ["time", "a.q[1]", "a.q[2]"])
+        self.assertEqual(r.units, {"time": "s", "a.q[1]": "rad", "a.q[2]": "m"})
+        self.assertEqual(r.joints, {"a.q[1]": "elbow", "a.q[2]": "a slide"})
+        np.testing.assert_array_equal(r["a.q"], [[1, 2]])
+        if pandas is not None:
+            self.assertEqual(r.to_pandas().attrs, {"units": r.units, "joints": r.joints})
+        self.assertEqual(cotwin.Recording(["time"], np.zeros((1, 1))).units, {})
+
     def test_columns_that_are_no_neighbours_are_put_together(self):
         r = cotwin.Recording(["time", "q[1]", "y", "q[2]"], np.array([[0, 1, 9, 2.0]]))
         np.testing.assert_array_equal(r["q"], [[1, 2]])

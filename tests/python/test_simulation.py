@@ -78,8 +78,8 @@ class Run(Case):
         of_program = (self.folder / "signals.csv").read_bytes()
         first = cotwin.run(EXAMPLE, stop=0.2, results=self.folder)
         self.assertEqual((self.folder / "earlier-1/signals.csv").read_bytes(), of_program)
-        self.assertEqual(sorted(one.name for one in (self.folder / "earlier-1").iterdir()), ["run.json", "signals.csv", "summary.json"])
-        self.assertEqual(sorted(one.name for one in self.folder.iterdir()), ["earlier-1", "signals.csv"])
+        self.assertEqual(sorted(one.name for one in (self.folder / "earlier-1").iterdir()), ["run.json", "signals.csv", "summary.json", "view.bin"])
+        self.assertEqual(sorted(one.name for one in self.folder.iterdir()), ["earlier-1", "signals.csv", "view.bin"])
         cotwin.run(EXAMPLE, stop=0.3, results=self.folder)
         np.testing.assert_array_equal(cotwin.Recording.load(self.folder / "earlier-2").values, first.recording.values)
 

@@ -32,6 +32,11 @@ struct RunArguments {
   std::function<void()> started;  // empty: nothing
 };
 
+/// The options that determine a run, as JSON for its checkpoints.
+std::string options_of(const RunArguments& arguments);
+/// Reads the text of options_of(). Throws Error at `place` for other text.
+void read_options(const std::string& text, const std::string& place, RunArguments& arguments);
+
 /// Return the exit code. Throw Error for bad input.
 int run_scenario(RunArguments arguments);
 int run_fmu(RunArguments arguments);

@@ -27,12 +27,13 @@ class Recording:
     names   columns of values: "time", "drive.q[1]", "drive.q[2]" …
     values  (rows, columns) float64; time in s, the others in the units of measure of their variables
     cut     whether the file ended within a row, which was left out
+    units   units of measure of columns by name, joints: names of their joints; of results beside which there is no run.json: none
 
         q = recording["drive.q"]       # (rows, n)
         frame = recording.to_pandas()  # needs pandas
     """
 
-    def __init__(self, names: list[str], values: np.ndarray, cut: bool = False):
+    def __init__(self, names: list[str], values: np.ndarray, cut: bool = False, units: list[str] | None = None, joints: list[str] | None = None):
         refuse_mask("recording: values", values)
         values = np.ascontiguousarray(values, dtype=float)
         if values.ndim != 2 or values.shape[1] != len(names):
@@ -40,6 +41,8 @@ class Recording:
         self.names = list(names)
         self.values = values
         self.cut = cut
+        self.units = {name: unit for name, unit in zip(self.names, units or []) if unit}
+        self.joints = {name: joint for name, joint in zip(self.names, joints or []) if joint}
         self._columns: dict[str, list[int]] = {}
         for i, name in enumerate(self.names):
             self._columns.setdefault(name, []).append(i)
@@ -66,7 +69,7 @@ class Recording:
         table = _native.load_table(file, t_column, _SECONDS[time_unit])
         if table.cut:
             warnings.warn(f"{file} ends within a row, which is left out", RuntimeWarning, stacklevel=2)
-        return cls(table.names, table.values, table.cut)
+        return cls(table.names, table.values, table.cut, table.units, table.joints)
 
     @property
     def time(self) -> np.ndarray:
@@ -103,11 +106,13 @@ class Recording:
         return f"<Recording of {len(self)} rows: {', '.join(self.signals)}>"
 
     def to_pandas(self) -> pandas.DataFrame:
-        """A frame with the time in s as index and a column per element."""
+        """A frame with the time in s as index and a column per element; frame.attrs has "units" and "joints" by column."""
         try:
             import pandas
         except ImportError as error:
             raise Error("to_pandas: needs pandas, which is missing (Debian: python3-pandas)") from error
         index = pandas.Index(self.time, name="time") if "time" in self.names else None
         columns = [i for i, name in enumerate(self.names) if name != "time"]
-        return pandas.DataFrame(self.values[:, columns], index=index, columns=[self.names[i] for i in columns])
+        frame = pandas.DataFrame(self.values[:, columns], index=index, columns=[self.names[i] for i in columns])
+        frame.attrs["units"], frame.attrs["joints"] = dict(self.units), dict(self.joints)
+        return frame

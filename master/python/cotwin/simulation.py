@@ -104,7 +104,7 @@ class Simulation(_native.Simulation):
     def recording(self) -> Recording:
         """The rows so far: the variables that the scenario records, or all outputs, as in signals.csv. Needs keep=True."""
         table = self._recording()
-        return Recording(table.names, table.values)
+        return Recording(table.names, table.values, units=table.units, joints=table.joints)
 
     def __enter__(self) -> Simulation:
         return self

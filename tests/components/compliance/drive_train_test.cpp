@@ -366,16 +366,35 @@ TEST(JointMeasures, OfPrismaticJointsAreInMetresAndNewtons) {
   EXPECT_EQ(make("tuner", gantry).variables.at("sigma2").si, "N.s/m");
 }
 
-TEST(JointMeasures, OfMixedJointsAreThoseOfRevoluteOnesAndTheDescriptionNamesTheOthers) {
+TEST(JointMeasures, AreThoseOfEachJointWithItsName) {
   robot::RobotModel robot;
   robot.joints.resize(4);
   robot.joints[2].type = robot::JointType::kPrismatic;
+  robot.joints[2].name = "my slide";
   const JointMeasures measures(&robot);
-  EXPECT_EQ(measures.si("N.m/rad"), "N.m/rad");
-  EXPECT_EQ(measures.description("N.m/rad", "joint stiffness"), "joint stiffness (N/m for joint 3)");
-  EXPECT_EQ(measures.description("1", "damping ratio"), "damping ratio");
-  robot.joints[0].type = robot::JointType::kPrismatic;
-  EXPECT_EQ(JointMeasures(&robot).description("rad", "position"), "position (m for joints 1, 3)");
+  EXPECT_EQ(measures.si("N.m/rad", 1), "N.m/rad");
+  EXPECT_EQ(measures.si("N.m/rad", 2), "N/m");
+  std::vector<double> q(4), rows(8), three(3);
+  Variables v;
+  JointVariables joints(v, measures);
+  joints.input("q", q, "rad", "position");
+  joints.output("dq", q, "rad/s", "speed").derivative_of("q");
+  joints.parameter("damping", q, "1", "damping ratio");
+  joints.parameter("table", rows, "rad", "row after row");
+  joints.parameter("other", three, "rad", "not of the joints");
+  EXPECT_EQ(v.at("q").si, "");
+  EXPECT_EQ(v.at("q").si_of(0), "rad");
+  EXPECT_EQ(v.at("q").si_of(2), "m");
+  EXPECT_EQ(v.at("q").elements->names[2], "my slide");
+  EXPECT_EQ(v.at("dq").si_of(2), "m/s");
+  EXPECT_FALSE(v.at("damping").mixed());
+  EXPECT_EQ(v.at("table").si_of(6), "m");
+  EXPECT_TRUE(v.at("table").elements->names.empty());
+  EXPECT_EQ(v.at("other").si, "rad");
+  Variables one_kind;
+  for (robot::Joint& joint : robot.joints) joint.type = robot::JointType::kPrismatic;
+  JointVariables(one_kind, JointMeasures(&robot)).input("q", q, "rad", "position");
+  EXPECT_EQ(one_kind.at("q").si, "m");
 }
 
 }  // namespace

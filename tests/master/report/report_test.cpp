@@ -261,7 +261,11 @@ TEST(ReportRecording, GroupsTheElementsOfVectorsAndScalarsOfAKind) {
       "time,drive.q[1],drive.q[2],drive.energy_kinetic,drive.energy_potential,world.contacts,\"a[1,1]\",\"a[1,2]\"\n0,1,2,3,4,"
       "5,6,"
       "7\n",
-      {{{"drive.q", "rad"}, {"drive.energy_kinetic", "J"}, {"drive.energy_potential", "J"}}, {}, {}, {}});
+      {column_facts(json::parse(R"({"recording": {"columns": [{"name": "drive.q", "elements": 2, "unit": "rad"},
+         {"name": "drive.energy_kinetic", "elements": 1, "unit": "J"}, {"name": "drive.energy_potential", "elements": 1, "unit": "J"}]}})")),
+       {},
+       {},
+       {}});
   std::vector<std::string> names;
   for (const ColumnGroup& group : r.groups) names.push_back(group.name);
   EXPECT_THAT(names, ElementsAre("drive.q", "drive.energy_…", "world.contacts", "a"));
@@ -270,6 +274,29 @@ TEST(ReportRecording, GroupsTheElementsOfVectorsAndScalarsOfAKind) {
   EXPECT_EQ(vector_of("x["), "x[");
   EXPECT_EQ(vector_of("[1]"), "[1]");
   EXPECT_EQ(vector_of("x[<b>]"), "x[<b>]");
+}
+
+TEST(ReportRecording, ColumnsWithTheNamesOfJointsAreThoseWithNumbersAndKindsAreApart) {
+  const json record =
+      json::parse(R"({"recording": {"joint_names": true, "columns": [{"name": "time", "elements": 1, "unit": "s"},
+      {"name": "a.q", "elements": 3, "unit": "", "units": ["rad", "m", "rad"], "joints": ["2", "my, slide", "roll"]},
+      {"name": "a.E", "elements": 1, "unit": "J"}]}})");
+  RecordingOptions options{column_facts(record), {}, {}, {}};
+  options.residuals = {{"error", "", "a.q", "a.q", 1, 0, {}, {}, false, {"rad", "m", "rad"}}};
+  const LoadedRecording r = loaded("time,a.q[2],\"a.q[my, slide]\",a.q[roll],a.E\n0,1,2,3,4\n", std::move(options));
+  EXPECT_THAT(r.names, ElementsAre("a.q[1]", "a.q[2]", "a.q[3]", "a.E"));  // joint "2" is the first one
+  ASSERT_EQ(r.groups.size(), 3u);
+  EXPECT_EQ(r.groups[0].unit, "rad");
+  EXPECT_THAT(r.groups[0].columns, ElementsAre(0, 2));
+  EXPECT_EQ(r.groups[1].unit, "m");
+  EXPECT_EQ(r.columns[1].joint, "my, slide");
+  EXPECT_EQ(r.residuals[0].curves.size(), 3u);
+  EXPECT_EQ(misfit(record, "signals.csv", r.names, 1, 0), "");
+  EXPECT_EQ(shown_name({{"a.q[2]", {"a.q[2]", "m", "my, slide"}}}, "a.q[2]"), "a.q my, slide");
+  EXPECT_EQ(shown_name({}, "a.q[2]"), "a.q[2]");
+  EXPECT_TRUE(
+      column_facts(json::parse(R"({"recording": {"columns": [{"name": "x", "elements": 1e300}, 7, {"elements": -1}]}})"))
+          .empty());
 }
 
 TEST(ReportRecording, ACutFileIsReadUpToItsLastWholeRow) {

@@ -114,8 +114,8 @@ TEST_F(Page, ShowsTheMainExampleAsForwardKinematicsAndTheRecordingHaveIt) {
   second.update({{"dark", true},
                  {"size", json::array({700, 900})},
                  {"themes", true},
-                 {"cues", json::array({"ghosts", "trails", "mass", "manipulability", "stiffness", "limits", "energy"})},
-                 {"lacking", json::array({"tau_e", "contacts", "hand", "distances"})}});
+                 {"cues", json::array({"ghosts", "trails", "mass", "manipulability", "stiffness", "limits", "energy", "tau_e"})},
+                 {"lacking", json::array({"contacts", "hand", "distances"})}});
   check(json::array({first, second}));
 }
 
@@ -140,8 +140,8 @@ TEST_F(Page, ShowsTwoRobotsAndABodyInContact) {
   }
   const json shown = {{"file", page("results/view.html")},
                       {"seeks", seeks},
-                      {"cues", json::array({"contacts", "tau_e", "trails", "mass"})},
-                      {"lacking", json::array({"energy"})}};
+                      {"cues", json::array({"contacts", "tau_e", "trails", "mass", "energy"})},
+                      {"lacking", json::array({"hand"})}};
   // A trolley that comes and grows stops one of two robots.
   const RunResult cell =
       cotwin({"run", (root_ / "examples/25_shared_cell/cell.ssd").string(), "--stop", "0.6", "--out", "cell", "--quiet",
@@ -155,8 +155,8 @@ TEST_F(Page, ShowsTwoRobotsAndABodyInContact) {
   };
   const json watched = {{"file", page("cell/view.html")},
                         {"seeks", json::array({trolley(0.1, 1e-9, "clear"), trolley(0.3, 1, "slow"), trolley(0.5, 2, "stop")})},
-                        {"cues", json::array({"distances", "trails"})},
-                        {"lacking", json::array({"contacts"})}};
+                        {"cues", json::array({"distances", "trails", "contacts"})},
+                        {"lacking", json::array({"hand"})}};
   check(json::array({shown, watched}));
 }
 
