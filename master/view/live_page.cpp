@@ -73,17 +73,27 @@ Json events_of(const Scenario& scenario) {
   return events;
 }
 
+std::string page_of_gateways() {
+  const fs::path file = empty_page();
+  std::string html = text::read_file(file, "the page without a recording");
+  // It asks its own origin for its content. Pages of recordings may ask for nothing.
+  html = with_replaced(std::move(html), "connect-src data:", "connect-src 'self' data:", file);
+  return with_replaced(std::move(html), "<!--data-->", R"(<script type="application/json" id="cotwin-live">{}</script>)", file);
+}
+
+class GatewayPage final : public bus::RunPage {
+ public:
+  const std::string& html() const override { return html_; }
+  std::string content(const bus::LiveRun&) override { return {}; }
+
+ private:
+  const std::string html_ = page_of_gateways();
+};
+
 class LivePage final : public bus::RunPage {
  public:
   LivePage(Scenario scenario, std::span<const UnitType> types, std::vector<fs::path> folders)
-      : scenario_(std::move(scenario)), types_(types), folders_(std::move(folders)) {
-    const fs::path file = empty_page();
-    html_ = text::read_file(file, "the page without a recording");
-    // It asks its own origin for its content. Pages of recordings may ask for nothing.
-    html_ = with_replaced(std::move(html_), "connect-src data:", "connect-src 'self' data:", file);
-    html_ =
-        with_replaced(std::move(html_), "<!--data-->", R"(<script type="application/json" id="cotwin-live">{}</script>)", file);
-  }
+      : scenario_(std::move(scenario)), types_(types), folders_(std::move(folders)), html_(page_of_gateways()) {}
 
   const std::string& html() const override { return html_; }
 
@@ -145,5 +155,7 @@ class LivePage final : public bus::RunPage {
 std::shared_ptr<bus::RunPage> live_page(Scenario scenario, std::span<const UnitType> types, std::vector<fs::path> folders) {
   return std::make_shared<LivePage>(std::move(scenario), types, std::move(folders));
 }
+
+std::shared_ptr<bus::RunPage> gateway_page() { return std::make_shared<GatewayPage>(); }
 
 }  // namespace cotwin::master

@@ -77,7 +77,7 @@ double number_in_query(const Request& request, const char* name, double fallback
   return value;
 }
 
-/// What `/` answers where no run has a page.
+/// What `/` answers where the build has no page.
 constexpr const char* kIndex = R"(<!doctype html>
 <html lang="en">
 <head>
@@ -282,8 +282,9 @@ void Live::add_page_routes(http::Router& router) {
   content.slow = true;  // it reads files
   router.add(content, [this](const Request&) {
     const std::shared_ptr<LiveRun> r = run();
-    if (!r->facts().page) refuse(404, "this run has no page: the program that runs it gives none, or was built without one");
-    return give(r->facts().page->content(*r));
+    const std::string shown = r->facts().page ? r->facts().page->content(*r) : "";
+    if (shown.empty()) refuse(404, "this run has no page: the program that runs it gives none, or was built without one");
+    return give(shown);
   });
 }
 

@@ -135,7 +135,7 @@ std::optional<ViewServer> view_server(const RunArguments& arguments, const std::
 std::shared_ptr<bus::RunPage> page_of(const Scenario& scenario, const RunArguments& arguments,
                                       const std::vector<fs::path>& folders) {
   try {
-    return live_page(scenario, units(), folders);
+    return arguments.plain ? gateway_page() : live_page(scenario, units(), folders);
   } catch (const Error&) {
     if (!arguments.view.empty()) throw;
     return nullptr;
@@ -303,10 +303,10 @@ int run_scenario(RunArguments arguments) {
   options.types = units();
   options.folders = model_folders(scenario.folder);
   options.results = out;
-  options.view_data = !arguments.no_view_data;
+  options.view_data = !arguments.no_view_data && !arguments.plain;
   options.joint_names = arguments.joint_names;
   options.threads = arguments.threads;
-  if (!arguments.plain) options.page = page_of(scenario, arguments, options.folders);
+  options.page = page_of(scenario, arguments, options.folders);
   std::optional<ViewServer> server = view_server(arguments, options.folders);
   if (server) options.observer = &*server;
   ResultsFolder results(out, shown);

@@ -18,6 +18,7 @@ import { load_meshes } from './meshes';
 import { looks_of } from './shapes';
 import { unpack } from './packed';
 import { Player } from './player';
+import { show_gateway } from './gateway';
 import { Plot, TimeWindow } from './plots';
 import { Joined, Recording } from './recording';
 import { Stage } from './stage';
@@ -567,10 +568,17 @@ async function content_with_token(connection: Connection): Promise<PageData> {
   }
 }
 
-/// The page of the run of the gateway that the page came from.
-async function live_page(): Promise<Page> {
+/// The page of the run of the gateway that the page came from; undefined, with the gateway's own page, if it shows none.
+async function live_page(): Promise<Page | undefined> {
   const connection = new Connection();
-  const data = await content_with_token(connection);
+  let data: PageData;
+  try {
+    data = await content_with_token(connection);
+  } catch (error) {
+    if (!(error instanceof Refused) || error.status !== 404) throw error;
+    await show_gateway(connection);
+    return undefined;
+  }
   const [facts, { signals }] = await Promise.all([connection.ask<RunFacts>('GET', 'run'), connection.ask<{ signals: LiveSignal[] }>('GET', 'run/signals')]);
   let first = 0;
   const watched = signals
@@ -600,7 +608,7 @@ async function start(): Promise<void> {
   if (text === '' && !is_live) return fail('This page has no recording in it. `cotwin view RESULTS` writes one that has.');
   if (typeof DecompressionStream === 'undefined') return fail('This browser cannot unpack the recording: it has no DecompressionStream. Browsers of 2023 and later have it.');
   const page = is_live ? await live_page() : recorded_page(text);
-  await page.open();
+  await page?.open();
   Object.assign(window, { cotwin: page });
   document.documentElement.dataset['ready'] = 'true';
 }
