@@ -115,7 +115,8 @@ TEST_P(BothWays, TheVariablesAreTheSame) {
     EXPECT_EQ(a.role, b.role) << a.name;
     EXPECT_EQ(a.kind(), b.kind()) << a.name;
     EXPECT_EQ(a.size(), b.size()) << a.name;
-    EXPECT_EQ(a.si, b.si) << a.name;
+    EXPECT_EQ(a.mixed(), b.mixed()) << a.name;
+    for (std::size_t e = 0; e < a.size() && e < b.size(); ++e) EXPECT_EQ(a.si_of(e), b.si_of(e)) << a.name << ", element " << e;
     EXPECT_EQ(a.rate.size(), b.rate.size()) << a.name;
     EXPECT_EQ(std::pair(a.min, a.max), std::pair(b.min, b.max)) << a.name;
   }

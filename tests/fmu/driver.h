@@ -294,11 +294,11 @@ class Driver {
   bool terminated_ = false;
 };
 
-/// The value references of an exported unit's variable: one per element (FMI 2), or one (FMI 3).
+/// The value references of an exported unit's variable: one per element (FMI 2, and where elements differ), or one (FMI 3).
 inline std::vector<unsigned> references(const Variables& variables, std::string_view name, Version version) {
   unsigned next = 1;  // 0 is time
   for (const Variable& v : variables) {
-    const auto count = static_cast<unsigned>(version == Version::k2 ? v.size() : 1);
+    const auto count = static_cast<unsigned>(version == Version::k2 || v.mixed() ? v.size() : 1);
     if (v.name == name) {
       std::vector<unsigned> all;
       for (unsigned i = 0; i < count; ++i) all.push_back(next + i);
