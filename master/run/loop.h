@@ -38,6 +38,7 @@ class Master::Loop {
   void save(std::function<void(RunState)> take, bool last);
   const std::string& unsavable() const { return unsavable_; }
   std::optional<std::uint64_t> sync_recording() const {
+    if (view_.recorder) static_cast<void>(view_.recorder->sync_to_mark());
     return signals_.recorder ? signals_.recorder->sync_to_mark() : std::optional(std::uint64_t{0});
   }
   std::span<const Column> columns() const { return columns_; }

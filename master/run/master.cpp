@@ -275,6 +275,7 @@ void Master::Loop::pass_state() {
     run.recording = {0, recorder->rows(), recorder->dropped()};
     recorder->mark();
   }
+  if (view_.recorder) view_.recorder->mark();
   std::exchange(state_taker_, nullptr)(std::move(run));
 }
 

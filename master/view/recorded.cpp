@@ -186,19 +186,22 @@ Recorded load_recorded(const std::filesystem::path& file, const std::function<vo
 
 Recorded load_view_data(const std::filesystem::path& file) {
   constexpr std::uint64_t kNoLimit = ~std::uint64_t{0};
+  return parse_view_data(text::read_file(file, "what pages show of a run", kNoLimit), file.string());
+}
+
+Recorded parse_view_data(const std::string& bytes, const std::string& place) {
   constexpr double kMostElements = 1e6;
-  const std::string bytes = text::read_file(file, "what pages show of a run", kNoLimit);
   const std::size_t end = bytes.find('\n');
   const nlohmann::json heading = nlohmann::json::parse(bytes.substr(0, end), nullptr, false);
   if (end == std::string::npos || report::member(heading, "format") != "cotwin view 1")
-    throw Error(file.string(), "has no heading of this version, expected view.bin of a run");
+    throw Error(place, "has no heading of this version, expected view.bin of a run");
   Recorded recorded;
   for (const nlohmann::json& column : report::list_of(report::member(heading, "columns"))) {
     const std::string name = report::text_of(report::member(column, "name"));
     const double count = report::number_of(report::member(column, "elements"));
     if (name == "time") continue;
     if (name.empty() || !(count >= 1 && count + static_cast<double>(recorded.names.size()) <= kMostElements))
-      throw Error(file.string(), "has a heading that is damaged, expected names and numbers of elements");
+      throw Error(place, "has a heading that is damaged, expected names and numbers of elements");
     recorded.signals.push_back({name, {}, recorded.names.size(), static_cast<std::size_t>(count)});
     for (std::size_t i = 1; i <= recorded.signals.back().count; ++i)
       recorded.names.push_back(count == 1 ? name : name + "[" + std::to_string(i) + "]");
@@ -210,8 +213,7 @@ Recorded load_view_data(const std::filesystem::path& file) {
     std::int64_t ns = 0;
     std::memcpy(&ns, bytes.data() + at, sizeof ns);
     if (std::abs(static_cast<double>(ns) * 1e-9) > kLatest || (!recorded.time.empty() && ns < recorded.time.back()))
-      throw Error(file.string(),
-                  "is damaged: the time of row " + std::to_string(recorded.time.size() + 1) + " goes back or is none");
+      throw Error(place, "is damaged: the time of row " + std::to_string(recorded.time.size() + 1) + " goes back or is none");
     recorded.time.push_back(ns);
     for (std::size_t i = 0; i < width; ++i) {
       float value = 0;

@@ -44,6 +44,8 @@ Recorded load_recorded(const std::filesystem::path& file, const std::function<vo
 
 /// Reads view.bin (master/run/columns.h), also of a run that was killed. Throws Error for a file that is none, and for a time that decreases.
 Recorded load_view_data(const std::filesystem::path& file);
+/// The same of the bytes of a file; `place`: for messages.
+Recorded parse_view_data(const std::string& bytes, const std::string& place);
 
 /// `base` with the signals that only `other` has, at the times of base: linear between the rows.
 Recorded joined(Recorded base, const Recorded& other);

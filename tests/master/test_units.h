@@ -18,10 +18,11 @@ namespace cotwin::testing {
 /// y = gain · u + bias without delay, also at initialisation.
 class Gain final : public Unit {
  public:
-  explicit Gain(std::size_t n) : u_(n), y_(n) {}
+  /// `elements`: of u and y; nullptr: all are in rad.
+  explicit Gain(std::size_t n, std::shared_ptr<const Elements> elements = {}) : u_(n), y_(n), elements_(std::move(elements)) {}
   void declare(Variables& v) override {
-    v.input("u", u_, "rad", "what comes in");
-    v.output("y", y_, "rad", "gain times u plus bias");
+    v.input("u", u_, "rad", "what comes in").elements(elements_);
+    v.output("y", y_, "rad", "gain times u plus bias").elements(elements_);
     v.tunable("gain", gain_, "1", "factor").range(-1e6, 1e6);
     v.parameter("bias", bias_, "rad", "offset");
   }
@@ -36,7 +37,25 @@ class Gain final : public Unit {
     for (std::size_t i = 0; i < u_.size(); ++i) y_[i] = gain_ * u_[i] + bias_;
   }
   std::vector<double> u_, y_;
+  std::shared_ptr<const Elements> elements_;
   double gain_ = 1, bias_ = 0;
+};
+
+/// q = 2 u.
+class Shown final : public Unit {
+ public:
+  void declare(Variables& v) override {
+    v.input("u", u_, "rad", "what comes in");
+    v.output("q", q_, "rad", "2 u");
+  }
+  void initialise(Time) override { q_ = 2 * u_; }
+  StepResult step(Time, Duration) override {
+    q_ = 2 * u_;
+    return StepResult::kDone;
+  }
+
+ private:
+  double u_ = 0, q_ = 0;
 };
 
 /// ẋ = u, constant over a step, y = x. `telling`: declares dy as the derivative of y.
@@ -338,6 +357,12 @@ inline std::span<const UnitType> test_types() {
       {"gain", "y = gain u + bias",
        [](Settings& s) -> std::unique_ptr<Unit> { return std::make_unique<Gain>(static_cast<std::size_t>(s.integer("n"))); },
        [](SettingList& s) { s.integer("n", 1, 1, 1000, "number of elements"); }},
+      {"arm", "a gain of three joints, of which the second one slides",
+       [](Settings&) -> std::unique_ptr<Unit> {
+         return std::make_unique<Gain>(
+             3, std::make_shared<const Elements>(Elements{{"elbow", "my, slide", "roll"}, {"rad", "m", "rad"}}));
+       }},
+      {"shown", "q = 2 u, which pages show", [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Shown>(); }},
       {"integrator", "y = ∫u", [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Integrator>(); }},
       {"telling_integrator", "y = ∫u, dy = u",
        [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Integrator>(true); }},

@@ -50,6 +50,38 @@ TEST(Wiring, ConvertsTheMeasuresThatTheConnectorsState) {
   EXPECT_NEAR(value(master, "b.u"), 8 + 10 * std::acos(-1.0) / 180, 1e-14);
 }
 
+TEST(Wiring, ComparesMeasuresElementByElement) {
+  const auto wired = [](const std::string& from, const std::string& to,
+                        const std::function<void(ConnectionSpec&)>& change = {}) {
+    Build b;
+    b.unit("a", "arm").unit("c", "arm", 1).unit("g", "gain?n=3", 2).connect(from, to);
+    if (change) change(b.scenario.connections[0]);
+    return error_of([&] { b.load(); });
+  };
+  EXPECT_EQ(wired("a.y", "c.u"), "");
+  EXPECT_EQ(wired("a.y[3]", "g.u[2]"), "");
+  EXPECT_THAT(wired("a.y", "g.u"), HasSubstr("a.y -> g.u, element 2: m cannot feed rad"));
+  EXPECT_THAT(wired("g.y", "a.u"), HasSubstr("element 2: rad cannot feed m"));
+  EXPECT_THAT(wired("a.y[2]", "g.u[2]"), HasSubstr("m cannot feed rad"));
+  EXPECT_EQ(wired("a.y", "g.u", [](ConnectionSpec& c) { c.suppress_unit_conversion = true; }), "");
+  EXPECT_THAT(wired("a.y", "c.u", [](ConnectionSpec& c) { c.from.unit = "deg"; }), HasSubstr("element 2: m cannot feed deg"));
+  EXPECT_EQ(wired("a.y[1]", "c.u[1]", [](ConnectionSpec& c) { c.from.unit = "deg"; }), "");
+}
+
+TEST(Wiring, StartValuesInAUnitOfMeasureAreForSingleElementsOfVectorsThatDiffer) {
+  Build b;
+  b.unit("a", "arm");
+  const auto error = [&](ParameterValue value) {
+    b.scenario.components[0].start_values = {std::move(value)};
+    return error_of([&] { b.load(); });
+  };
+  EXPECT_EQ(error({"u[1]", 90.0, "deg", ""}), "");
+  EXPECT_EQ(error({"u[2]", 5.0, "mm", ""}), "");
+  EXPECT_EQ(error({"u", 5.0, "", ""}), "");
+  EXPECT_THAT(error({"u[2]", 90.0, "deg", ""}), HasSubstr("deg cannot give m"));
+  EXPECT_THAT(error({"u", 90.0, "deg", ""}), HasSubstr("its elements are in rad, m, rad"));
+}
+
 TEST(Wiring, UsesUnitsOfMeasureThatTheScenarioDefines) {
   Build b;
   b.unit("a", "gain").with("bias", 4.0).unit("b", "gain", 1).connect("a.y", "b.u");

@@ -194,6 +194,7 @@ TEST_F(Durable, AKilledRunGoesOnToTheSameBits) {
   EXPECT_EQ(resumed.code, 0) << resumed.err;
   const auto [csv, figures_of_it] = straight();
   EXPECT_EQ(content(folder_ / "killed/signals.csv"), csv);
+  EXPECT_EQ(content(folder_ / "killed/view.bin"), content(folder_ / "straight/view.bin"));
   EXPECT_EQ(figures("killed.json"), figures_of_it);
   EXPECT_EQ(record("killed")["state"], "complete");
   EXPECT_GT(record("killed")["resumed_at"], 0);
@@ -212,6 +213,7 @@ TEST_F(Durable, ARunThatIsKilledAgainAndAgainGoesOnToTheSameBits) {
   }
   EXPECT_EQ(child.wait().code, 0);
   EXPECT_EQ(content(folder_ / "killed/signals.csv"), straight().first);
+  EXPECT_EQ(content(folder_ / "killed/view.bin"), content(folder_ / "straight/view.bin"));
 }
 
 TEST_F(Durable, AStoppedRunGoesOnFromWhereItWasStopped) {
@@ -232,6 +234,7 @@ TEST_F(Durable, AStoppedRunGoesOnFromWhereItWasStopped) {
     EXPECT_THAT(csv, StartsWith(rows));
     EXPECT_EQ(record(out)["resumed_at"], std::stod(rows.substr(rows.rfind('\n', rows.size() - 2) + 1)));
     EXPECT_EQ(content(folder_ / out / "signals.csv"), csv);
+    EXPECT_EQ(content(folder_ / out / "view.bin"), content(folder_ / "straight/view.bin"));
     EXPECT_EQ(figures("resumed.json"), figures_of_it);
   }
 }

@@ -114,6 +114,72 @@ TEST_F(Recording, ReadsBackToTheSameBits) {
   }
 }
 
+TEST_F(Recording, HasNamesOfJointsInItsHeadingOnRequest) {
+  Build b;
+  b.unit("a", "arm").unit("g", "gain").record("a.y").record("a.u[2]").record("g.y").until(0.001);
+  MasterOptions options;
+  options.types = cotwin::testing::test_types();
+  options.results = folder_;
+  options.joint_names = true;
+  Master master(b.scenario, std::move(options));
+  master.initialise();
+  master.finish();
+  EXPECT_EQ(lines(folder_ / "signals.csv").at(0), "time,\"a.u[my, slide]\",a.y[elbow],\"a.y[my, slide]\",a.y[roll],g.y");
+}
+
+/// The rows of a file of view_heading() with `width` columns.
+std::vector<std::pair<std::int64_t, std::vector<float>>> packed_rows(const std::filesystem::path& file, std::size_t width) {
+  std::ifstream in(file, std::ios::binary);
+  std::string heading;
+  std::getline(in, heading);
+  std::vector<std::pair<std::int64_t, std::vector<float>>> rows;
+  std::int64_t ns = 0;
+  while (in.read(reinterpret_cast<char*>(&ns), sizeof ns)) {
+    std::vector<float> row(width);
+    in.read(reinterpret_cast<char*>(row.data()), static_cast<std::streamsize>(width * sizeof(float)));
+    rows.emplace_back(ns, row);
+  }
+  return rows;
+}
+
+// tick 1 ms: a row every 16 ticks, 62.5 times a second, and the last one.
+TEST_F(Recording, HasBesideItWhatPagesShow) {
+  Build b;
+  b.unit("i", "integrator").with("u", 2.0).unit("hand", "shown").connect("i.y", "hand.u").record("hand.u").until(0.05);
+  const auto run = [&](const char* folder, bool view) {
+    MasterOptions options;
+    options.types = cotwin::testing::test_types();
+    options.results = folder_ / folder;
+    options.view_data = view;
+    Master master(b.scenario, std::move(options));
+    master.initialise();
+    while (master.step_tick()) {
+    }
+    master.finish();
+  };
+  run("with", true);
+  const auto rows = packed_rows(folder_ / "with/view.bin", 1);
+  ASSERT_EQ(rows.size(), 5u);
+  const std::vector<std::string> csv = lines(folder_ / "with/signals.csv");
+  for (const auto& [ns, values] : rows) {
+    const std::vector<double> row = numbers(csv.at(1 + static_cast<std::size_t>(ns / 1'000'000)));
+    EXPECT_EQ(ns % 16'000'000 == 0 || ns == 50'000'000, true) << ns;
+    EXPECT_EQ(values[0], static_cast<float>(2 * row[1]));
+  }
+  EXPECT_EQ(
+      lines(folder_ / "with/view.bin").at(0),
+      R"({"format":"cotwin view 1","columns":[{"name":"time","elements":1,"unit":"s"},{"name":"hand.q","elements":1,"unit":"rad"}]})");
+  run("without", false);
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "without/view.bin"));
+  EXPECT_EQ(lines(folder_ / "without/signals.csv"), csv);
+  b.record("hand.q");  // as often as pages want it
+  run("recorded", true);
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "recorded/view.bin"));
+  b.scenario.decimation = 17;
+  run("seldom", true);
+  EXPECT_TRUE(std::filesystem::exists(folder_ / "seldom/view.bin"));
+}
+
 TEST_F(Recording, DistinguishesAnIntegerFromTheRealOfTheSameValue) {
   std::array<double, 1> real{1e9};
   std::array<std::int32_t, 1> integer{1'000'000'000};

@@ -3,6 +3,11 @@
 #include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <sstream>
+
+#include "master/results/summary.h"
 #include "tests/master/test_units.h"
 
 namespace cotwin::master::statistics_test {
@@ -35,6 +40,37 @@ TEST(Statistics, RmsAndLargestMagnitudeOfASignal) {
   EXPECT_DOUBLE_EQ(t.time_of_max[0], 0.005);
   EXPECT_DOUBLE_EQ(t.total_rms, std::sqrt((5 * 1 + 6 * 9) / 22.0));
   EXPECT_EQ(t.total_max, 3);
+}
+
+TEST(Statistics, OfElementsThatDifferThereIsNoTotalButOnePerKind) {
+  Build b;
+  b.unit("a", "arm").with("u[1]", 3.0).with("u[2]", 100.0).with("u[3]", 4.0).unit("c", "arm").unit("g", "gain?n=3");
+  b.scenario.reports = {{"", ReportKind::kSignal, "a.y", "", ""}, {"slide", ReportKind::kDifference, "a.y[2]", "c.y[2]", ""}};
+  ComparisonSpec comparison;
+  comparison.name = "both";
+  comparison.a = "a.y";
+  comparison.b = "c.y";
+  b.scenario.comparisons = {comparison};
+  const Summary s = run(b);
+  const Tally& t = s.tallies.at(0);
+  EXPECT_EQ(t.si, "");
+  EXPECT_THAT(t.elements.si, ElementsAre("rad", "m", "rad"));
+  EXPECT_TRUE(std::isnan(t.total_rms) && std::isnan(t.total_max));
+  EXPECT_EQ(s.tallies.at(1).si, "m");
+  EXPECT_THAT(s.tallies.at(1).elements.names, ElementsAre("my, slide"));
+  EXPECT_EQ(s.tallies.at(1).total_max, 100);
+  std::ostringstream text, json;
+  write_report(text, s, {});
+  EXPECT_THAT(text.str(), HasSubstr("a.y [rad]\n" + std::string(25, ' ') +
+                                    "elbow      roll       all\n  RMS                        3         4     3.536\n"));
+  EXPECT_THAT(text.str(), HasSubstr("a.y [m]\n" + std::string(20, ' ') + "  my, slide\n  RMS                       100\n"));
+  EXPECT_THAT(text.str(), HasSubstr("both [m]: a.y - c.y, t = "));
+  write_json(json, s, {});
+  const auto signal = nlohmann::json::parse(json.str()).at("signals").at(0);
+  EXPECT_TRUE(signal.at("total_rms").is_null());
+  EXPECT_EQ(signal.at("totals").at(1), nlohmann::json({{"unit", "m"}, {"rms", 100.0}, {"max", 100.0}}));
+  b.scenario.reports = {{"", ReportKind::kDifference, "a.y", "g.y", "place"}};
+  EXPECT_THAT(error_of([&] { b.load(); }), HasSubstr("place: a.y - g.y: m cannot be compared with rad"));
 }
 
 TEST(Statistics, ADifferenceIsTakenInTheMeasureOfTheFirst) {

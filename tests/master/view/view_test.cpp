@@ -8,8 +8,12 @@
 #include <cmath>
 #include <limits>
 #include <nlohmann/json.hpp>
+#include <random>
+#include <set>
 
 #include "components/unit/unit_table.h"
+#include "master/engine/wiring/members.h"
+#include "master/run/columns.h"
 #include "master/scenario/scenario.h"
 #include "master/view/calculated.h"
 #include "master/view/packer.h"
@@ -216,8 +220,105 @@ Recorded recording_of(const std::vector<std::pair<std::string, std::size_t>>& si
   for (const auto& [name, count] : signals) {
     recorded.signals.push_back({name, "", recorded.columns.size(), count});
     recorded.columns.resize(recorded.columns.size() + count);
+    recorded.names.resize(recorded.columns.size(), name);
   }
   return recorded;
+}
+
+std::string view_bytes() {
+  std::string bytes =
+      R"({"format":"cotwin view 1","columns":[{"name":"time","elements":1,"unit":"s"},)"
+      R"({"name":"a.q","elements":2,"unit":"","units":["rad","m"],"joints":["elbow","slide"]},{"name":"a.E","elements":1,"unit":"J"}]})"
+      "\n";
+  for (const std::int64_t ns : {0, 16'000'000, 32'000'000}) {
+    bytes.append(reinterpret_cast<const char*>(&ns), sizeof ns);
+    for (const float value : {1.0f, 2.0f, static_cast<float>(ns) * 1e-9f})
+      bytes.append(reinterpret_cast<const char*>(&value), sizeof value);
+  }
+  return bytes;
+}
+
+TEST(Recorded, ReadsWhatPagesShowAlsoIfItWasCutShort) {
+  const std::string bytes = view_bytes();
+  const Recorded whole = parse_view_data(bytes, "view.bin");
+  EXPECT_THAT(whole.time, ElementsAre(0, 16'000'000, 32'000'000));
+  EXPECT_THAT(whole.names, ElementsAre("a.q[1]", "a.q[2]", "a.E"));
+  EXPECT_THAT(whole.find("a.q")->elements.si, ElementsAre("rad", "m"));
+  EXPECT_THAT(whole.find("a.q")->elements.names, ElementsAre("elbow", "slide"));
+  EXPECT_EQ(whole.find("a.E")->unit, "J");
+  EXPECT_EQ(whole.column(*whole.find("a.E"), 0)[2], static_cast<double>(32e6f * 1e-9f));
+  const std::size_t heading = bytes.find('\n') + 1;
+  for (std::size_t size = 0; size < bytes.size(); ++size) {
+    if (size < heading) {
+      EXPECT_THAT(error_of([&] { parse_view_data(bytes.substr(0, size), "view.bin"); }), HasSubstr("view.bin: has no heading"))
+          << size;
+    } else {
+      EXPECT_EQ(parse_view_data(bytes.substr(0, size), "view.bin").time.size(), (size - heading) / 20);
+    }
+  }
+  std::string backwards = bytes;
+  backwards[heading + 20 + 7] = '\x80';  // the sign of the second time
+  EXPECT_THAT(error_of([&] { parse_view_data(backwards, "view.bin"); }), HasSubstr("row 2 goes back"));
+  std::mt19937 random(1);
+  for (int i = 0; i < 2000; ++i) {
+    std::string damaged = bytes;
+    for (int k = 0; k < 3; ++k) damaged[random() % damaged.size()] = static_cast<char>(random());
+    const std::string error = error_of([&] { parse_view_data(damaged, "view.bin"); });
+    EXPECT_TRUE(error.empty() || error.starts_with("view.bin: ")) << error;
+  }
+}
+
+TEST(Recorded, IsJoinedLinearlyAtTheTimesOfTheOther) {
+  const Recorded base = parse_view_data(view_bytes(), "view.bin");
+  const Recorded other = load_recorded(TemporaryFile("time,a.E,b\n0.008,9,10\n0.024,9,20\n").path());
+  const Recorded both = joined(base, other);
+  EXPECT_THAT(both.names, ElementsAre("a.q[1]", "a.q[2]", "a.E", "b"));
+  EXPECT_THAT(both.columns[3], ElementsAre(10, 15, 20));  // the ends hold
+  EXPECT_EQ(both.columns[2], base.columns[2]);
+  EXPECT_THAT(joined(base, recording_of({{"c", 2}})).columns.at(4),
+              ElementsAre(::testing::IsNan(), ::testing::IsNan(), ::testing::IsNan()));
+}
+
+// Whatever the page of a live run can show, of all its signals, is also recorded for the page of the results.
+TEST(ViewColumns, HaveAllThatPagesOfTheExamplesCanShow) {
+  const fs::path root = places::source();
+  std::size_t scenarios = 0;
+  for (const auto& entry : fs::recursive_directory_iterator(root / "examples")) {
+    if (entry.path().extension() != ".ssd") continue;
+    std::vector<Member> members;
+    const Scenario scenario = load_scenario(entry.path());
+    const std::vector<fs::path> folders = {scenario.folder, root / "models"};
+    try {
+      members = load_members(scenario, unit_types(), folders);
+    } catch (const Error&) {
+      continue;  // needs an FMU that has to be made first
+    }
+    std::vector<std::pair<std::string, std::size_t>> all;
+    for (const Member& member : members) {
+      for (const Variable& v : member.variables()) {
+        const std::string last = v.name.substr(v.name.rfind('.') + 1);
+        const bool copy = v.role == Role::kInput && (last == "q" || last == "q_link" || last == "q_c" || last == "q_d");
+        if (v.kind() != Kind::kString && v.role != Role::kParameter && !copy)
+          all.emplace_back(member.name() + "." + v.name, v.size());
+      }
+    }
+    const Recorded recorded = recording_of(all);
+    const Stage stage = stage_of(scenario, recorded, unit_types(), folders);
+    CalculatedTable calculated;
+    Packer packer;
+    std::vector<std::string> remarks;
+    auto page = stage_json({stage, recorded, &scenario, unit_types(), folders, true}, {}, calculated, packer, remarks);
+    std::set<std::string> kept;
+    for (const Column& column : choose_view_columns(members)) kept.insert(column.signal.name);
+    for (const char* part : {"robots", "meshes"}) page.erase(part);
+    const auto flat = page.flatten();
+    for (const auto& [path, value] : flat.items()) {
+      if (!value.is_string() || path.ends_with("/name") || recorded.find(value.get<std::string>()) == nullptr) continue;
+      EXPECT_TRUE(kept.contains(value.get<std::string>())) << entry.path() << ": " << path << " is " << value;
+    }
+    ++scenarios;
+  }
+  EXPECT_GE(scenarios, 40u);
 }
 
 Stage stage_of_example(const std::string& file, const Recorded& recorded) {
