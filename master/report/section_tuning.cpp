@@ -49,10 +49,18 @@ void write_tuning_facts(Page& page, const Results& results) {
   page.table(table);
 }
 
+/// The unit of measure of the torque or force of a joint.
+std::string unit_at(const json& figures, std::size_t joint) {
+  const json::array_t& units = list_of(member(figures, "units"));
+  return joint < units.size() ? text_of(units[joint]) : "";
+}
+
+/// The joints' names with the units of their torques.
 std::vector<std::string> joints_of(const json& figures) {
   std::vector<std::string> names;
   for (const json& joint : list_of(member(figures, "joints"))) {
-    if (names.size() < kMostJoints) names.push_back(text_of(joint));
+    if (names.size() < kMostJoints)
+      names.push_back(text_of(joint) + (unit_at(figures, names.size()) == "N" ? " [N]" : " [N·m]"));
   }
   return names;
 }
@@ -95,7 +103,7 @@ void write_errors(Page& page, const json& f, const std::vector<std::string>& joi
       cells.push_back(j < before.size() && j < after.size() ? Cell(number(100 * after[j] / before[j], 3)) : Cell(""));
       table.row(std::move(cells));
     }
-    page.table(table, title + std::string(", N·m (prismatic joints: N)"));
+    page.table(table, title);
   }
 }
 
@@ -268,14 +276,22 @@ void write_tuning_parameters(Page& page, const json& f) {
   }
   of_bodies.write(page, "Bodies");
   Deviations of_drives;
+  std::size_t joint = 0;
   for (const json& drive : drives) {
     const std::string name = text_of(member(drive, "joint"));
     const json &before = member(drive, "before"), &after = member(drive, "after");
-    for (const auto& [key, what] :
-         {std::pair{"B", "motor inertia B [kg·m²]"}, std::pair{"tau_C", "Coulomb friction τ_C [N·m]"},
-          std::pair{"tau_S", "stiction τ_S [N·m]"}, std::pair{"sigma2", "viscous friction σ2 [N·m·s/rad]"},
-          std::pair{"tau_0", "offset τ_0 [N·m]"}, std::pair{"load", "load friction μ"}})
-      of_drives.add(name, what, number_of(member(before, key)), number_of(member(after, key)));
+    struct Shown {
+      const char *key, *what, *unit, *of_slide;
+    };
+    const bool slide = unit_at(f, joint++) == "N";
+    for (const auto& [key, what, unit, of_slide] : {Shown{"B", "motor inertia B", " [kg·m²]", " [kg]"},
+                                                    {"tau_C", "Coulomb friction τ_C", " [N·m]", " [N]"},
+                                                    {"tau_S", "stiction τ_S", " [N·m]", " [N]"},
+                                                    {"sigma2", "viscous friction σ2", " [N·m·s/rad]", " [N·s/m]"},
+                                                    {"tau_0", "offset τ_0", " [N·m]", " [N]"},
+                                                    {"load", "load friction μ", "", ""}})
+      of_drives.add(name, std::string(what) + (slide ? of_slide : unit), number_of(member(before, key)),
+                    number_of(member(after, key)));
   }
   of_drives.write(page, "Drives (before: the friction of the URDF)");
   Table unknowns({"unknown", "value", "standard deviation", "relative [%]"});

@@ -65,6 +65,11 @@ class Table {
   std::vector<std::vector<std::string>> rows_;
 };
 
+/// The name of a joint in the first column; of a slide with what its numbers are in.
+std::string row_name(const robot::Joint& joint) {
+  return joint.name + (joint.type == robot::JointType::kPrismatic ? " (slide: m, kg, N)" : "");
+}
+
 /// RMS of every candidate, then the largest discrepancies of the prior and of the tuned twin.
 Table errors_table(const Data& data, const Result& result, const PartErrors& part) {
   std::vector<std::string> header = {"joint", "torque"};
@@ -74,7 +79,7 @@ Table errors_table(const Data& data, const Result& result, const PartErrors& par
   header.push_back("filtered off");
   Table table(header);
   for (std::size_t j = 0; j < data.robot.joints.size(); ++j) {
-    std::vector<std::string> row = {data.robot.joints[j].name, number(at(part.torque_rms, j))};
+    std::vector<std::string> row = {row_name(data.robot.joints[j]), number(at(part.torque_rms, j))};
     for (const Errors& errors : part.of) row.push_back(number(at(errors.rms, j)));
     if (has_maximum) {
       row.push_back(number(at(part.of.front().maximum, j)));
@@ -125,14 +130,12 @@ void write_data(std::ostream& out, const Settings& settings, const Data& data) {
   Table table({"joint", "q, from", "to", "speed", "95 % of power below, Hz", "torque RMS", "gravity RMS", "correlation"});
   for (std::size_t j = 0; j < survey.joints.size(); ++j) {
     const measurement::JointSurvey& joint = survey.joints[j];
-    table.row({data.robot.joints[j].name, number(joint.q_min), number(joint.q_max), number(joint.speed_max),
+    table.row({row_name(data.robot.joints[j]), number(joint.q_min), number(joint.q_max), number(joint.speed_max),
                number(joint.frequency), number(joint.tau_rms), number(joint.gravity_rms),
                number(joint.gravity_correlation, 2)});
   }
   table.write_markdown(out);
-  out << "Gravity is the prior's; its correlation with the measured torque tells of signs. rad, rad/s, N·m; prismatic joints "
-         "m, "
-         "m/s, N.\n\n";
+  out << "Gravity is the prior's; its correlation with the measured torque tells of signs. rad, rad/s, N·m.\n\n";
   if (data.warnings.empty()) return;
   out << "Warnings:\n\n";
   for (const std::string& warning : data.warnings) out << "* " << warning << '\n';
@@ -187,7 +190,7 @@ void write_parameters(std::ostream& out, const Data& data, const Result& result)
     const identification::JointDrive& d = tuned.drive[j];
     std::string harmonics;
     for (const double h : d.harmonics) text::append(harmonics, number(h));
-    drives.row({data.robot.joints[j].name, number(d.B), number(d.tau_C), number(d.tau_S), number(d.v_R), number(d.s),
+    drives.row({row_name(data.robot.joints[j]), number(d.B), number(d.tau_C), number(d.tau_S), number(d.v_R), number(d.s),
                 number(d.v_S), number(d.sigma2), number(d.tau_0), number(d.load), harmonics});
   }
   drives.write_markdown(out);
@@ -195,7 +198,7 @@ void write_parameters(std::ostream& out, const Data& data, const Result& result)
   Table torsion({"joint", "stiffness K, N·m/rad", "standard deviation", "correlation of torsion and torque", "lag of q, ms"});
   for (std::size_t j = 0; j < result.evaluation.torsion.size(); ++j) {
     const identification::Torsion& t = result.evaluation.torsion[j];
-    torsion.row({data.robot.joints[j].name, t.K > 0 ? number(t.K) : "not found", t.K > 0 ? number(t.deviation, 2) : "",
+    torsion.row({row_name(data.robot.joints[j]), t.K > 0 ? number(t.K) : "not found", t.K > 0 ? number(t.deviation, 2) : "",
                  number(t.correlation, 3), number(1e3 * t.lag, 3)});
   }
   torsion.write_markdown(out);
@@ -213,7 +216,7 @@ void write_excitation(std::ostream& out, const Result& result) {
   if (!excitation.warnings.empty()) out << '\n';
   Table joints({"joint", "σ, N·m (its weight is 1/σ²)", "rank", "of unknowns"});
   for (std::size_t j = 0; j < result.floor.joint_rank.size(); ++j) {
-    joints.row({result.robot.joints[j].name, number(at(result.floor.sigma, j)), std::to_string(result.floor.joint_rank[j]),
+    joints.row({row_name(result.robot.joints[j]), number(at(result.floor.sigma, j)), std::to_string(result.floor.joint_rank[j]),
                 std::to_string(result.floor.joint_unknowns[j])});
   }
   joints.write_markdown(out);
@@ -252,7 +255,7 @@ void write_twin(std::ostream& out, const Data& data, const Result& result) {
          "torques with the measured ones (smoothed). These errors are to be expected, RMS in N·m:\n\n";
   Table table({"joint", "training", "torque", "held out", "torque"});
   for (std::size_t j = 0; j < data.robot.joints.size(); ++j) {
-    std::vector<std::string> row = {data.robot.joints[j].name};
+    std::vector<std::string> row = {row_name(data.robot.joints[j])};
     for (const Replay::Errors* errors : {&replay.training, &replay.held_out}) {
       row.push_back(errors->samples > 0 ? number(at(errors->rms, j)) : "");
       row.push_back(errors->samples > 0 ? number(at(errors->torque, j)) : "");
@@ -366,7 +369,10 @@ std::string figures_json(const Settings& settings, const Data& data, const Resul
   json object;
   object["state"] = result.interrupted ? "interrupted" : "done";
   object["settings"] = to_json(settings);
-  for (const robot::Joint& joint : data.robot.joints) object["joints"].push_back(joint.name);
+  for (const robot::Joint& joint : data.robot.joints) {
+    object["joints"].push_back(joint.name);
+    object["units"].push_back(joint.type == robot::JointType::kPrismatic ? "N" : "N.m");
+  }
   object["tuned"] = result.candidates[result.tuned].name;
   object["alarms"] = result.alarms;
   object["cutoff"] = data.smoothing.cutoff;

@@ -84,9 +84,11 @@ std::vector<std::string> alarms_of(const Data& data, const Evaluation& evaluatio
     const double error = part.of[candidate].rms[i], prior = part.of.front().rms[i], torque = part.torque_rms[i];
     const bool than_none = !data.robot.joints[j].passive && error > kWorse * torque, than_prior = error > kWorse * prior;
     if (!than_none && !than_prior) continue;
-    alarms.push_back(data.robot.joints[j].name + ": held-out error " + text::to_text(error, 3) + " N.m, expected below " +
-                     (than_none ? "the torque itself, " + text::to_text(torque, 3) + " N.m"
-                                : "that of the prior, " + text::to_text(prior, 3) + " N.m"));
+    const char* unit = data.robot.joints[j].type == robot::JointType::kPrismatic ? " N" : " N.m";
+    alarms.push_back(
+        data.robot.joints[j].name + ": held-out error " + text::to_text(error, 3) + unit + ", expected below " +
+        (than_none ? "the torque itself, " + text::to_text(torque, 3) : "that of the prior, " + text::to_text(prior, 3)) +
+        unit);
   }
   return alarms;
 }

@@ -200,11 +200,14 @@ class Surveyor {
     }
   }
 
+  const char* effort_unit(std::size_t j) const { return axes_[j].revolute ? " N.m" : " N"; }
+
   void check_torque(const trajectory::RecordingReader& sample, std::size_t j) {
     const double limit = robot_.joints[j].tau_max, tau = sample.tau().value[j];
     if (!(std::abs(tau) > 2 * limit) || too_strong_[j]++ > 0) return;
-    warn(sample.place(sample.tau(), j), number(tau) + " N.m, expected at most " + number(limit) +
-                                            " N.m (effort limit of the URDF); are these N.mm or currents? Then --tau-scale");
+    const std::string unit = effort_unit(j);
+    warn(sample.place(sample.tau(), j), number(tau) + unit + ", expected at most " + number(limit) + unit +
+                                            " (effort limit of the URDF); are these other units or currents? Then --tau-scale");
   }
 
   void check_speed(const trajectory::RecordingReader& sample, std::size_t j, double speed) {
@@ -298,13 +301,13 @@ class Surveyor {
     const double ratio = joint.tau_rms / joint.gravity_rms;
     if (joint.gravity_rms > floor && ratio < 0.1) {
       implausible(
-          place,
-          "is " + number(joint.tau_rms) + " N.m RMS where the URDF's gravity alone is " + number(joint.gravity_rms) +
-              " N.m, expected torques behind the gear; are these the motor's? Then --tau-scale with the gear ratio (about " +
-              number(1 / ratio) + ")");
+          place, "is " + number(joint.tau_rms) + effort_unit(j) + " RMS where the URDF's gravity alone is " +
+                     number(joint.gravity_rms) + effort_unit(j) +
+                     ", expected torques behind the gear; are these the motor's? Then --tau-scale with the gear ratio (about " +
+                     number(1 / ratio) + ")");
     } else if (joint.gravity_rms > floor && joint.gravity_correlation > 0.8 && sums.slope() > 10) {
-      implausible(place,
-                  "is " + number(sums.slope()) + " times the URDF's gravity, expected N.m; another unit? Then --tau-scale");
+      implausible(place, "is " + number(sums.slope()) + " times the URDF's gravity, expected" + effort_unit(j) +
+                             "; another unit? Then --tau-scale");
     }
   }
 
