@@ -64,7 +64,7 @@ class RunPage {
   virtual ~RunPage() = default;
   /// The HTML page. It has nothing of the run in it and asks its own origin for everything else.
   virtual const std::string& html() const = 0;
-  /// What is shown of this run, as JSON; "": the page shows none. May take as long as reading the robots' files.
+  /// What is shown of this run, as JSON. May take as long as reading the robots' files.
   virtual std::string content(const LiveRun& run) = 0;
 };
 

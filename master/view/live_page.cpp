@@ -84,7 +84,7 @@ std::string page_of_gateways() {
 class GatewayPage final : public bus::RunPage {
  public:
   const std::string& html() const override { return html_; }
-  std::string content(const bus::LiveRun&) override { return {}; }
+  std::string content(const bus::LiveRun&) override { return R"({"gateway":true})"; }
 
  private:
   const std::string html_ = page_of_gateways();

@@ -17,7 +17,7 @@ namespace cotwin::master {
 std::shared_ptr<bus::RunPage> live_page(Scenario scenario, std::span<const UnitType> types,
                                         std::vector<std::filesystem::path> folders);
 
-/// The page of a gateway without a run to show: robots, services and jobs. Its content is "". Throws Error as live_page().
+/// The page of a gateway without a run to show: robots, services and jobs. Throws Error as live_page().
 std::shared_ptr<bus::RunPage> gateway_page();
 
 }  // namespace cotwin::master

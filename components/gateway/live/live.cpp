@@ -282,9 +282,8 @@ void Live::add_page_routes(http::Router& router) {
   content.slow = true;  // it reads files
   router.add(content, [this](const Request&) {
     const std::shared_ptr<LiveRun> r = run();
-    const std::string shown = r->facts().page ? r->facts().page->content(*r) : "";
-    if (shown.empty()) refuse(404, "this run has no page: the program that runs it gives none, or was built without one");
-    return give(shown);
+    if (!r->facts().page) refuse(404, "this run has no page: the program that runs it gives none, or was built without one");
+    return give(r->facts().page->content(*r));
   });
 }
 

@@ -255,6 +255,26 @@ TEST_F(LivePage, ShowsAndChangesTheRunInABrowser) {
   near("velocity", wanted.velocity);
   near("stiffness", *wanted.stiffness);
 }
+
+TEST_F(LivePage, OfAGatewayWithoutARunShowsRobotsServicesAndJobs) {
+  fs::copy_file(fs::path(places::source()) / "tests/components/data/scara.urdf", folder_ / "scara.urdf");
+  fs::create_directories(folder_ / "robots/scara");
+  fs::rename(folder_ / "scara.urdf", folder_ / "robots/scara/robot.urdf");
+  fs::copy(fs::path(places::source()) / "models/robots/lwr4", folder_ / "robots/lwr4", fs::copy_options::recursive);
+  Process process = cotwin::testing::start_program({"serve", "--port", "0", "--out", "served", "--quiet", "--robots", "robots"},
+                                                   {.folder = folder_.path(), .merge = true, .out = folder_ / "said"});
+  ASSERT_TRUE(within_patience([&] {
+    return fs::exists(folder_ / "served/url.txt") && !content(folder_ / "served/url.txt").empty();
+  })) << said();
+  std::string url = content(folder_ / "served/url.txt");
+  url.erase(url.find('\n'));
+  const fs::path script = fs::path(places::source()) / "master/view/page/test/check_gateway.mjs";
+  const RunResult browser = cotwin::testing::run_command({COTWIN_NODE, script, COTWIN_CHROMIUM, url + "/"},
+                                                         {.merge = true, .limit = std::chrono::seconds(500)});
+  EXPECT_EQ(browser.code, 0) << browser.out << browser.err;
+  process.signal(SIGINT);
+  process.wait();
+}
 #endif
 
 }  // namespace

@@ -8,6 +8,7 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
+#include "master/results/results.h"
 #include "master/view/recorded.h"
 #include "models/robot/frame_kinematics.h"
 #include "models/robot/urdf/urdf.h"
@@ -111,11 +112,12 @@ TEST_F(Page, ShowsTheMainExampleAsForwardKinematicsAndTheRecordingHaveIt) {
   const json common = {{"file", page("results/view.html")}, {"title", "free_motion_lwr4"}};
   json first = common, second = common;
   first.update({{"seeks", seeks}, {"keys", true}, {"themes", true}, {"zoom", "drive.q"}});
-  second.update({{"dark", true},
-                 {"size", json::array({700, 900})},
-                 {"themes", true},
-                 {"cues", json::array({"ghosts", "trails", "mass", "manipulability", "stiffness", "limits", "energy", "tau_e"})},
-                 {"lacking", json::array({"contacts", "hand", "distances"})}});
+  second.update(
+      {{"dark", true},
+       {"size", json::array({700, 900})},
+       {"themes", true},
+       {"cues", json::array({"ghosts", "trails", "mass", "manipulability", "stiffness", "limits", "energy", "tau_e"})},
+       {"lacking", json::array({"contacts", "hand", "distances"})}});
   check(json::array({first, second}));
 }
 
@@ -158,6 +160,44 @@ TEST_F(Page, ShowsTwoRobotsAndABodyInContact) {
                         {"cues", json::array({"distances", "trails", "contacts"})},
                         {"lacking", json::array({"hand"})}};
   check(json::array({shown, watched}));
+}
+
+// What moves is in view.bin; each number of a slide is in m and N.
+TEST_F(Page, ShowsARunOfWhichOnlyTorquesWereRecorded) {
+  const fs::path urdf = root_ / "tests/components/data/scara.urdf";
+  ASSERT_EQ(cotwin({"new", "--robot", urdf.string(), "--out", "arm"}).code, 0);
+  const RunResult run =
+      cotwin({"run", "arm/twin.ssd", "--quiet", "--out", "results", "--record", "drive.tau_J", "--joint-names", "--event",
+              "t=1 drive.tau_e=1,2,3,4", "--event", "t=1 compliance.tau_e=1,2,3,4"});
+  ASSERT_EQ(run.code, 0) << run.err;
+  ASSERT_EQ(cotwin({"view", "results", "--plot", "drive.tau_J", "--plot", "drive.q"}).code, 0);
+  const robot::RobotModel arm = robot::load_urdf(urdf);
+  const Recorded view = load_view_data(folder_ / "results/view.bin");
+  const nlohmann::json record = nlohmann::json::parse(cotwin::testing::content(folder_ / "results/run.json"));
+  const Recorded recorded = load_recorded(folder_ / "results/signals.csv", {}, {}, report::column_facts(record));
+  json seeks = json::array();
+  for (const std::size_t row : {std::size_t{0}, view.time.size() / 3, view.time.size() / 2, view.time.size() - 1}) {
+    const std::int64_t t = view.time[row];
+    const auto of = static_cast<std::size_t>(std::ranges::find(recorded.time, t) - recorded.time.begin());
+    if (of == recorded.time.size()) continue;  // no row was recorded then
+    const Eigen::VectorXd q = values_of(view, "drive.q", row), tau = values_of(recorded, "drive.tau_J", of);
+    seeks.push_back({{"t", static_cast<double>(t) * 1e-9},
+                     {"range", 10},
+                     {"figures", json::array({poses_of(arm, q)})},
+                     {"plots",
+                      {{"drive.tau_J N.m", {tau[0], tau[1], tau[3]}},
+                       {"drive.tau_J N", {tau[2]}},
+                       {"drive.q rad", {q[0], q[1], q[3]}},
+                       {"drive.q m", {q[2]}}}}});
+  }
+  ASSERT_GE(seeks.size(), 2u);
+  const json shown = {
+      {"file", page("results/view.html")},
+      {"seeks", seeks},
+      {"cues", json::array({"ghosts", "trails", "mass", "stiffness", "tau_e", "limits", "energy"})},
+      {"lacking", json::array({"contacts"})},
+      {"words", json::array({"first arm", "second_arm_of_the_selective_compliance_robot", "4.000 N·m", "3.000 N"})}};
+  check(json::array({shown}));
 }
 
 TEST_F(Page, RunsNothingFromNamesAndShowsWhatIsLeftOfARecording) {

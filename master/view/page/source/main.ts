@@ -571,11 +571,8 @@ async function content_with_token(connection: Connection): Promise<PageData> {
 /// The page of the run of the gateway that the page came from; undefined, with the gateway's own page, if it shows none.
 async function live_page(): Promise<Page | undefined> {
   const connection = new Connection();
-  let data: PageData;
-  try {
-    data = await content_with_token(connection);
-  } catch (error) {
-    if (!(error instanceof Refused) || error.status !== 404) throw error;
+  const data = await content_with_token(connection);
+  if (data.gateway === true) {
     await show_gateway(connection);
     return undefined;
   }

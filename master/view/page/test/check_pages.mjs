@@ -1,7 +1,7 @@
 // check_pages.mjs CHROMIUM PLAN.json [FOLDER]: opens pages in Chromium and compares them with what a plan expects. Writes one line per failure and
 // ends with 1 if there is one. FOLDER: for screenshots. The plan is a list of
 //   { file, size?, dark?, title?, figures?, seeks?: [{ t, figures?: [{ bodies, tip }], bodies?: { name: matrix }, tools?: { name on robot 0: matrix, or null for hidden }, plots?: { name: values }, lights?: { name: zone } }],
-//     cues?: [ids that have data], lacking?: [ids], remarks?: [texts], colours?: least number in the 3D view, keys?: true, themes?: true, zoom?: name of a plot, frames? }
+//     cues?: [ids that have data], lacking?: [ids], remarks?: [texts], words?: [texts, with these cues on], colours?: least number in the 3D view, keys?: true, themes?: true, zoom?: name of a plot, frames? }
 import { readFileSync, writeFileSync } from 'node:fs';
 import { join } from 'node:path';
 import { pathToFileURL } from 'node:url';
@@ -165,6 +165,8 @@ for (const [index, page] of plan.entries()) {
     const view = await browser.evaluate(kColours);
     check(view.colours >= (page.colours ?? 20) && view.background < 0.995 * view.pixels, `the 3D view is empty: ${JSON.stringify(view)}`);
     if (page.cues !== undefined || page.lacking !== undefined) await switch_cues(browser, page);
+    const words = await browser.evaluate('document.body.textContent');
+    for (const text of page.words ?? []) check(words.includes(text), `the page does not say '${text}'`);
     if (page.keys) await press_keys(browser);
     if (page.themes) await change_themes(browser);
     if (page.zoom !== undefined) await use_mouse(browser, page.zoom);
