@@ -64,6 +64,8 @@ class RunPage {
   virtual ~RunPage() = default;
   /// The HTML page. It has nothing of the run in it and asks its own origin for everything else.
   virtual const std::string& html() const = 0;
+  /// Whether it shows the run, not only what a gateway has; else content() is not called.
+  virtual bool shows_runs() const { return true; }
   /// What is shown of this run, as JSON. May take as long as reading the robots' files.
   virtual std::string content(const LiveRun& run) = 0;
 };

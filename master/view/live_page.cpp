@@ -84,7 +84,8 @@ std::string page_of_gateways() {
 class GatewayPage final : public bus::RunPage {
  public:
   const std::string& html() const override { return html_; }
-  std::string content(const bus::LiveRun&) override { return R"({"gateway":true})"; }
+  bool shows_runs() const override { return false; }
+  std::string content(const bus::LiveRun&) override { return {}; }
 
  private:
   const std::string html_ = page_of_gateways();

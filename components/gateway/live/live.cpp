@@ -150,6 +150,7 @@ std::string Live::state() const {
   j["tick_s"] = f.tick.seconds();
   j["ticks"] = f.ticks;
   j["clock"] = f.clock;
+  j["has_page"] = f.page && f.page->shows_runs();
   j["can_pause"] = f.unpausable.empty();
   if (!f.unpausable.empty()) j["why_not"] = f.unpausable;
   j["signals"] = r->signals().size();
@@ -282,7 +283,8 @@ void Live::add_page_routes(http::Router& router) {
   content.slow = true;  // it reads files
   router.add(content, [this](const Request&) {
     const std::shared_ptr<LiveRun> r = run();
-    if (!r->facts().page) refuse(404, "this run has no page: the program that runs it gives none, or was built without one");
+    if (!r->facts().page || !r->facts().page->shows_runs())
+      refuse(404, "this run has no page: the program that runs it gives none, or was built without one");
     return give(r->facts().page->content(*r));
   });
 }

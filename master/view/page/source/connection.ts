@@ -16,6 +16,8 @@ export interface RunFacts extends RunState {
   ticks: number;
   clock: string;
   can_pause: boolean;
+  /// Whether GET /run/page has what is shown of the run.
+  has_page: boolean;
   why_not?: string;
   commands: boolean;
 }

@@ -210,8 +210,6 @@ export interface PlannedEvent {
 
 /// `tables`: the recording and what was calculated from it. A live page has none; it has events, and its packed numbers beside the rest.
 export interface PageData {
-  /// There is no run to show.
-  gateway?: boolean;
   format: number;
   name: string;
   state: string;

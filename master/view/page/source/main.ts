@@ -545,11 +545,11 @@ function fail(text: string): void {
   document.getElementById('app')!.replaceChildren(element('p', { class: 'failure' }, text));
 }
 
-/// Asks for a token until the gateway takes it.
-async function content_with_token(connection: Connection): Promise<PageData> {
+/// What the gateway tells of its run; asks for a token until the gateway takes it.
+async function facts_with_token(connection: Connection): Promise<RunFacts> {
   for (let is_first = true; ; is_first = false) {
     try {
-      return await connection.ask<PageData>('GET', 'run/page');
+      return await connection.ask<RunFacts>('GET', 'run');
     } catch (error) {
       if (!(error instanceof Refused) || error.status !== 401) throw error;
     }
@@ -571,12 +571,12 @@ async function content_with_token(connection: Connection): Promise<PageData> {
 /// The page of the run of the gateway that the page came from; undefined, with the gateway's own page, if it shows none.
 async function live_page(): Promise<Page | undefined> {
   const connection = new Connection();
-  const data = await content_with_token(connection);
-  if (data.gateway === true) {
+  const facts = await facts_with_token(connection);
+  if (!facts.has_page) {
     await show_gateway(connection);
     return undefined;
   }
-  const [facts, { signals }] = await Promise.all([connection.ask<RunFacts>('GET', 'run'), connection.ask<{ signals: LiveSignal[] }>('GET', 'run/signals')]);
+  const [data, { signals }] = await Promise.all([connection.ask<PageData>('GET', 'run/page'), connection.ask<{ signals: LiveSignal[] }>('GET', 'run/signals')]);
   let first = 0;
   const watched = signals
     .filter((signal) => signal.watchable && signal.size > 0)
