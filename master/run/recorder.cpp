@@ -25,8 +25,9 @@ namespace {
 
 using namespace std::chrono_literals;
 
-constexpr auto kIdle = 2ms;    // sleep of the writer while the ring is empty: waking it would cost the loop a system call
-constexpr auto kFlush = 20ms;  // largest age of a row in memory
+constexpr auto kIdle = 2ms;         // sleep of the writer while the ring is empty: waking it would cost the loop a system call
+constexpr auto kPackedIdle = 20ms;  // the same for the few rows for pages
+constexpr auto kFlush = 20ms;       // largest age of a row in memory
 constexpr std::size_t kBuffer = std::size_t{1} << 18;  // bytes of text per write
 constexpr std::size_t kRoom = 28;                      // bytes of text for a number
 
@@ -90,7 +91,8 @@ class Recorder::Writer {
           flush();
           flushed = Steady::now();
         }
-        std::this_thread::sleep_for(kIdle);
+        std::unique_lock lock(recorder_.idle_mutex_);
+        recorder_.idle_.wait_for(lock, recorder_.packed_ ? kPackedIdle : kIdle, [this] { return recorder_.closing_.load(); });
         continue;
       }
       // Releases room in portions, so that a waiting loop continues while this thread writes.
@@ -333,9 +335,7 @@ int Recorder::reopen_packed(const std::string& heading, Kept& kept) {
 Recorder::~Recorder() {
   saved_.reset();
   if (!thread_.joinable()) return;
-  commit();
-  closing_ = true;
-  thread_.join();
+  end_writing();
 }
 
 void Recorder::sample(Time now) {
@@ -377,12 +377,20 @@ void Recorder::copy_row(Time now, double* row) const {
   for (const auto& [from, column] : booleans_) row[column] = *from ? 1 : 0;
 }
 
+void Recorder::end_writing() {
+  commit();
+  {
+    const std::lock_guard lock(idle_mutex_);
+    closing_ = true;
+  }
+  idle_.notify_one();
+  thread_.join();
+}
+
 void Recorder::close() {
   saved_.reset();
   if (!thread_.joinable()) return;
-  commit();
-  closing_.store(true, std::memory_order_release);
-  thread_.join();
+  end_writing();
   writer_->close();
   if (written_to_ != file_ && ::rename(written_to_.c_str(), file_.c_str()) != 0 && failure_ == 0) failure_ = errno;
   if (failure_ != 0) throw_failure();

@@ -1,8 +1,10 @@
 #pragma once
 #include <atomic>
+#include <condition_variable>
 #include <cstdint>
 #include <filesystem>
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <span>
 #include <string>
@@ -89,6 +91,7 @@ class Recorder {
   int reopen_packed(const std::string& heading, Kept& kept);
   std::size_t packed_row() const { return sizeof(std::int64_t) + width_ * sizeof(float); }  // bytes
   [[noreturn]] void throw_failure();
+  void end_writing();
   static void save(void* self) noexcept;
 
   std::vector<Source<double>> reals_;
@@ -105,6 +108,8 @@ class Recorder {
   alignas(64) std::atomic<std::uint64_t> head_{0};  // rows put in
   alignas(64) std::atomic<std::uint64_t> tail_{0};  // rows taken out
   std::atomic<bool> closing_{false};
+  std::mutex idle_mutex_;
+  std::condition_variable idle_;                      // of the writer: ends its sleep when closing_ is set
   std::atomic<std::int64_t> in_file_{0};              // whole rows that are written
   std::atomic<int> failure_{0};                       // errno of a write that failed
   std::atomic<std::uint64_t> mark_{kNoMark};          // rows for which marked_bytes_ is requested

@@ -380,7 +380,8 @@ class Page {
   private view_all(): void {
     if (this.stage === undefined) return;
     const box = new three.Box3();
-    for (const view of [...this.figures, ...this.bodies]) {
+    for (const view of this.figures) box.union(view.box());
+    for (const view of this.bodies) {
       const own = view.box();
       if (own.getSize(new three.Vector3()).length() < 15) box.union(own);
     }
