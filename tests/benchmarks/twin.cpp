@@ -1,10 +1,11 @@
 // The whole twin of example 02 (20 s at 1 ms, recorded as its scenario says) on one thread: its cost per simulated millisecond,
 // and the share of each part. And the fixed cell and the free twins of example 24, with latches and contacts;
-// the robots of example 25, which a monitor slows; and what a motion costs that can be slowed.
+// the robots of example 25, which a monitor slows; what a motion costs that can be slowed, and what view.bin costs.
 #include <algorithm>
 #include <cstdio>
 #include <exception>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -20,20 +21,27 @@ namespace fs = std::filesystem;
 
 constexpr double kRealTime = 1000;  // us per simulated ms
 
-master::Summary run_once(const fs::path& results, const char* scenario = "02_free_motion_lwr4/twin.ssd") {
+/// `view_data`: whether view.bin is written; then only the first 3 s are run.
+master::Summary run_once(const fs::path& results, const char* scenario = "02_free_motion_lwr4/twin.ssd",
+                         std::optional<bool> view_data = {}) {
   master::MasterOptions options;
   options.types = unit_types();
   const fs::path file = fs::path(cotwin::places::source()) / "examples" / scenario;
   options.folders = {file.parent_path(), fs::path(cotwin::places::source()) / "models"};
   options.results = results;
   options.threads = 1;
-  master::Master master(master::load_scenario(file), std::move(options));
+  master::Scenario loaded = master::load_scenario(file);
+  if (view_data) loaded.stop = Time::from_seconds(3);
+  options.view_data = view_data.value_or(false);
+  master::Master master(std::move(loaded), std::move(options));
   master.initialise();
   while (master.step_tick()) {
   }
   master.finish();
   return master.summary();
 }
+
+double process_seconds() { return benchmark::seconds_of(CLOCK_PROCESS_CPUTIME_ID); }
 
 void print(const std::string& name, double us, double goal) {
   benchmark::print({"whole twin (example 02), " + name + ", per simulated ms", "us", us, "real time", kRealTime, goal, true});
@@ -76,6 +84,9 @@ int main() try {
   for (int i = 0; i < benchmark::shortened(7, 1); ++i) runs.push_back(run_once(results));
   const master::Summary servicing = run_once(results, "24_satellite_servicing/servicing.ssd");
   const master::Summary cell = run_once(results, "25_shared_cell/cell.ssd");
+  const auto cooperation = [&](bool view_data) { run_once(results, "10_cooperation/carrying.ssd", view_data); };
+  const benchmark::Figures shown =
+      benchmark::measure([&] { cooperation(true); }, [&] { cooperation(false); }, 31, 0, process_seconds);
   fs::remove_all(results);
   std::sort(runs.begin(), runs.end(), [](const auto& a, const auto& b) { return a.wall_seconds < b.wall_seconds; });
   const master::Summary& median = runs[runs.size() / 2];
@@ -89,6 +100,8 @@ int main() try {
                     kRealTime / cell.real_time_factor, "real time", kRealTime, 0.2, true});
   benchmark::print(
       {"slowing a motion of 7 joints along its path, a step", "ns", 1e9 * override_seconds(), "none", 0, 50, false});
+  benchmark::print({"3 s of example 10 with view.bin, processor time of all threads", "ms", 1e3 * shown.ours, "without",
+                    1e3 * shown.peer, 1.01, true});
 } catch (const std::exception& error) {
   std::fprintf(stderr, "twin: %s\n", error.what());
   return 1;

@@ -111,7 +111,6 @@ int main() try {
   write_recording(pages.folder() / "million.csv", shortened(1'000'000, 10'000), 1);
   pages.cotwin({"view", "million.csv", "-o", "million.html"});
   const nlohmann::json million = pages.open("million.html", "drive.q");
-  row("page of 10⁶ points: pan, median frame", "ms", million["pan"], 1000.0 / 30);
   row("page of 10⁶ points: pan, 95 % of the frames", "ms", million["pan_95"], 1000.0 / 15);
 
   write_scene(pages.folder(), shortened(200, 20));
