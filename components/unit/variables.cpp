@@ -218,7 +218,8 @@ Variables::Declared& Variables::Declared::elements(std::shared_ptr<const Element
   if (elements == nullptr) return *this;
   for (const std::vector<std::string>* list : {&elements->names, &elements->si}) {
     if (!list->empty() && list->size() != variable.size())
-      throw Error(variable.name, std::to_string(list->size()) + " names or units of measure, expected " + std::to_string(variable.size()));
+      throw Error(variable.name,
+                  std::to_string(list->size()) + " names or units of measure, expected " + std::to_string(variable.size()));
   }
   if (!elements->si.empty()) variable.si.clear();
   variable.elements = std::move(elements);
@@ -232,7 +233,7 @@ Variables::Declared& Variables::Declared::derivative_of(std::string name) {
   if (of == nullptr || of->kind() != Kind::kReal || variable.kind() != Kind::kReal || of->size() != variable.size()) {
     throw Error(variable.name, "cannot be the derivative of '" + name + "', expected reals of the same size declared before");
   }
-  for (std::size_t i = 0; i < variable.size(); ++i) {
+  for (std::size_t i = 0; i < variable.size() && (i == 0 || variable.mixed() || of->mixed()); ++i) {
     if (!si::is_rate(variable.si_of(i), of->si_of(i)))
       throw Error(variable.name, "in " + variable.si_of(i) + " cannot be the derivative of '" + name + "' in " + of->si_of(i));
   }

@@ -60,7 +60,15 @@ std::string start_value(const Variable& v) {
   return text::joined(all);
 }
 
-std::string measure_of(const Variable& v) { return v.kind() == Kind::kReal ? v.si : std::string(name_of(v.kind())); }
+/// The units of measure of its elements, each once, or the kind.
+std::string measure_of(const Variable& v) {
+  if (v.kind() != Kind::kReal) return std::string(name_of(v.kind()));
+  std::vector<std::string> all;
+  for (std::size_t i = 0; i < v.size() && (i == 0 || v.mixed()); ++i) {
+    if (std::ranges::find(all, v.si_of(i)) == all.end()) all.push_back(v.si_of(i));
+  }
+  return text::joined(all);
+}
 
 template <class Do>
 void for_each_role(const Variables& variables, const Do& action) {
@@ -158,6 +166,8 @@ void describe_json(std::ostream& out, const Described& unit) {
     if (std::isfinite(v.max)) item["max"] = v.max;
     if (v.role != Role::kOutput && v.role != Role::kState) item["start"] = values(v);
     item["ramped"] = !v.rate.empty();
+    if (v.mixed()) item["units"] = v.elements->si;
+    if (v.elements != nullptr && !v.elements->names.empty()) item["joints"] = v.elements->names;
     j["variables"].push_back(std::move(item));
   }
   j["warnings"] = instance.warnings;

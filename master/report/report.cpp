@@ -25,14 +25,18 @@ std::string title_of(const std::vector<Results>& all) {
 
 /// Throws Error for a pattern that selects no column of any recording.
 void check_signals(const std::vector<std::string>& patterns, const std::vector<Results>& all) {
-  std::vector<std::string> columns;
+  std::vector<std::string> columns, joints;
   for (const Results& results : all) {
     if (!results.recording) continue;
-    for (const RecordedColumn& column : results.recording->columns) columns.push_back(column.name);
+    for (const RecordedColumn& column : results.recording->columns) {
+      columns.push_back(column.name);
+      joints.push_back(column.joint);
+    }
   }
   for (const std::string& pattern : patterns) {
-    if (std::ranges::none_of(columns, [&](const std::string& column) { return selects(pattern, column); }))
-      throw no_signal("--signals", pattern, columns);
+    bool any = false;
+    for (std::size_t i = 0; i < columns.size() && !any; ++i) any = selects(pattern, columns[i], joints[i]);
+    if (!any) throw no_signal("--signals", pattern, columns);
   }
 }
 

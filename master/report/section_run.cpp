@@ -283,7 +283,7 @@ void write_contacts(Page& page, const LoadedRecording& recording, const Gnuplot&
     for (const char* name : {".force", ".f_c[1]", ".f_c[2]", ".f_c[3]"}) {
       const RecordedColumn* column = recording.find(component + name);
       if (column != nullptr && column->plotted)
-        plot.lines.push_back({element_of(recording, column->name), column->curve.points(), plot.lines.size()});
+        plot.lines.push_back({element_of(*column), column->curve.points(), plot.lines.size()});
     }
     for (const ContactSpan& span : recording.contacts) {
       if (span.component == component) plot.shaded.emplace_back(span.begin, span.end);
@@ -433,8 +433,13 @@ std::vector<master::ElementKind> kinds_of(const json& entry, std::size_t size) {
 }
 
 std::string element_of(const LoadedRecording& recording, const std::string& name) {
-  if (const RecordedColumn* column = recording.find(name); column != nullptr && !column->joint.empty()) return column->joint;
-  const std::string vector = vector_of(name);
+  const RecordedColumn* column = recording.find(name);
+  return element_of(column != nullptr ? *column : RecordedColumn{name, "", Curve(false), false, ""});
+}
+
+std::string element_of(const RecordedColumn& column) {
+  if (!column.joint.empty()) return column.joint;
+  const std::string &name = column.name, vector = vector_of(name);
   if (vector != name) return name.substr(vector.size());
   const std::size_t dot = name.rfind('.');
   return dot == std::string::npos || dot + 1 == name.size() ? name : name.substr(dot + 1);
@@ -459,7 +464,7 @@ void write_group(Page& page, const LoadedRecording& recording, const ColumnGroup
     plot.description = group.name + " over time";
     for (std::size_t i = first; i < std::min(first + kStyles, group.columns.size()); ++i) {
       const RecordedColumn& column = recording.columns[group.columns[i]];
-      if (column.plotted) plot.lines.push_back({element_of(recording, column.name), column.curve.points(), i - first});
+      if (column.plotted) plot.lines.push_back({element_of(column), column.curve.points(), i - first});
     }
     if (!plot.lines.empty() && recording.rows > 0) Artist(page, gnuplot).plot(std::move(plot), "");
   }
@@ -468,8 +473,7 @@ void write_group(Page& page, const LoadedRecording& recording, const ColumnGroup
   for (const std::size_t c : group.columns) {
     const Figures& f = recording.columns[c].curve.figures();
     if (f.count == 0 || rows++ >= kMostRowsOfRun) continue;
-    table.row(
-        {element_of(recording, recording.columns[c].name), f.min, f.t_of_min, f.max, f.t_of_max, f.mean(), f.rms(), f.last});
+    table.row({element_of(recording.columns[c]), f.min, f.t_of_min, f.max, f.t_of_max, f.mean(), f.rms(), f.last});
   }
   if (!table.empty()) page.table(table);
 }

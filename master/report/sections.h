@@ -35,6 +35,8 @@ void write_comparison(Page& page, std::span<const Results> all, const Gnuplot& g
 /// The table of recorded figures of a group of columns, and one plot for each eight of them.
 void write_group(Page& page, const LoadedRecording& recording, const ColumnGroup& group, const Gnuplot& gnuplot);
 
+/// The joint's name of a column, or as below.
+std::string element_of(const RecordedColumn& column);
 /// The name of the joint of "drive.q[3]", "[3]" if it has none; of a scalar the name without its component.
 std::string element_of(const LoadedRecording& recording, const std::string& name);
 

@@ -40,6 +40,11 @@ std::string shown_name(const ColumnFacts& facts, const std::string& column) {
   return found == facts.end() || found->second.joint.empty() ? column : vector_of(column) + " " + found->second.joint;
 }
 
+std::string joint_name(const std::string& column, const std::string& joint) {
+  const std::string vector = vector_of(column);
+  return joint.empty() || vector == column ? column : vector + "[" + joint + "]";
+}
+
 RowReader::RowReader(const fs::path& file, const trajectory::TimeColumn& time, std::map<std::string, double, std::less<>> words,
                      const ColumnFacts& facts)
     : csv_(file),
@@ -360,14 +365,16 @@ std::string in_components(const std::string& variable, const std::vector<std::st
   return text.empty() ? "" : text + "?";
 }
 
-bool matches(const std::vector<std::string>& patterns, const std::string& name) {
-  return patterns.empty() || std::ranges::any_of(patterns, [&](const std::string& pattern) { return selects(pattern, name); });
+bool matches(const std::vector<std::string>& patterns, const std::string& name, const std::string& joint) {
+  return patterns.empty() ||
+         std::ranges::any_of(patterns, [&](const std::string& pattern) { return selects(pattern, name, joint); });
 }
 
 }  // namespace
 
-bool selects(const std::string& pattern, const std::string& column) {
-  return master::glob(pattern, column) || master::glob(pattern, vector_of(column));
+bool selects(const std::string& pattern, const std::string& column, const std::string& joint) {
+  return master::glob(pattern, column) || master::glob(pattern, vector_of(column)) ||
+         (!joint.empty() && master::glob(pattern, joint_name(column, joint)));
 }
 
 Error no_signal(const std::string& file, const std::string& pattern, const std::vector<std::string>& columns) {
@@ -391,13 +398,13 @@ LoadedRecording load_recording(const fs::path& file, RecordingOptions options) {
   std::size_t plotted = 0, chosen = 0;
   for (std::size_t i = 0; i < columns; ++i) {
     const std::string& name = reader.names()[i];
-    const bool wanted = matches(options.patterns, name);
+    const auto fact = facts.find(name);
+    const std::string joint = fact != facts.end() ? fact->second->joint : "";
+    const bool wanted = matches(options.patterns, name, joint);
     chosen += wanted ? 1 : 0;
     const bool with_points = wanted && plotted < kMostPlotted;
     plotted += with_points ? 1 : 0;
-    const auto fact = facts.find(name);
-    recording.columns.push_back({name, fact != facts.end() ? fact->second->unit : "", Curve(with_points), with_points,
-                                 fact != facts.end() ? fact->second->joint : ""});
+    recording.columns.push_back({name, fact != facts.end() ? fact->second->unit : "", Curve(with_points), with_points, joint});
   }
   if (columns < reader.names().size())
     recording.notes.push_back("Only the first " + std::to_string(columns) + " of " + std::to_string(reader.names().size()) +

@@ -29,6 +29,8 @@ using ColumnFacts = std::map<std::string, ColumnFact, std::less<>>;  // by the n
 
 /// "drive.q quill", or the column's own name without a joint.
 std::string shown_name(const ColumnFacts& facts, const std::string& column);
+/// "drive.q[quill]", as --joint-names writes it; the column's own name without a joint.
+std::string joint_name(const std::string& column, const std::string& joint);
 
 /// Reads a recording row by row. What cannot be read becomes a note, not an error.
 class RowReader {
@@ -141,8 +143,8 @@ LoadedRecording load_recording(const std::filesystem::path& file, RecordingOptio
 /// "drive.q" of "drive.q[3]"; the name itself of a scalar.
 std::string vector_of(std::string_view name);
 
-/// Whether a pattern selects a column, by its own name or by that of its vector.
-bool selects(const std::string& pattern, const std::string& column);
+/// Whether a pattern selects a column, by its own name, with that of its joint, or by that of its vector.
+bool selects(const std::string& pattern, const std::string& column, const std::string& joint = "");
 /// The error of a pattern that selects none of the columns of a file.
 Error no_signal(const std::string& file, const std::string& pattern, const std::vector<std::string>& columns);
 

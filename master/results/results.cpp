@@ -59,9 +59,9 @@ ColumnFacts column_facts(const json& record) {
     for (std::size_t i = 0; i < static_cast<std::size_t>(elements); ++i) {
       ColumnFact fact{elements == 1 ? name : name + "[" + std::to_string(i + 1) + "]", i < units.size() ? units[i] : unit,
                       i < joints.size() ? joints[i] : ""};
-      const std::string vector = vector_of(fact.name);
-      const bool named = member(recording, "joint_names") == true && !fact.joint.empty() && vector != fact.name;
-      facts.emplace(named ? vector + "[" + fact.joint + "]" : fact.name, std::move(fact));
+      const bool named = member(recording, "joint_names") == true;
+      const std::string in_file = named ? joint_name(fact.name, fact.joint) : fact.name;
+      facts.emplace(in_file, std::move(fact));
     }
   }
   return facts;

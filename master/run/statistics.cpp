@@ -33,7 +33,7 @@ Statistics::Difference Statistics::make_difference(const Signal& a, const Signal
     if (a.count != b->count) {
       fail(place, d.what + ": " + std::to_string(a.count) + " elements cannot be compared with " + std::to_string(b->count));
     }
-    for (std::size_t i = 0; i < a.count; ++i) {
+    for (std::size_t i = 0; i < a.count && (i == 0 || a.variable->mixed() || b->variable->mixed()); ++i) {
       const std::string &of_a = a.variable->si_of(a.first + i), &of_b = b->variable->si_of(b->first + i);
       if (of_a.empty() || of_b.empty()) continue;
       const si::Measure to = si::parse(of_a), from = si::parse(of_b);

@@ -112,8 +112,8 @@ void Builder::add_cell(const ComponentSpec& component, Settings& settings) {
     if (watches) stage_.monitors.push_back(prefix);
   }
   std::vector<std::string> obstacles;
-  if (watches)
-    for (const std::string_view name : text::split(settings.text("obstacles"), ',')) obstacles.emplace_back(text::trim(name));
+  const std::string list = watches ? settings.text("obstacles") : "";
+  for (const std::string_view name : text::split(list, ',')) obstacles.emplace_back(text::trim(name));
   for (const scene::Body& body : cell.scene.bodies) {
     const std::string id = text::identifier(body.name);
     const auto known =

@@ -210,7 +210,11 @@ Json plots_of(const ViewOptions& options, const std::optional<Scenario>& scenari
     for (const RecordedSignal& signal : all.signals) {
       const auto first = all.names.begin() + static_cast<std::ptrdiff_t>(signal.first);
       const auto is_of = [&](const std::string& column) { return report::selects(pattern, column); };
-      if (!glob(pattern, signal.name) && std::none_of(first, first + static_cast<std::ptrdiff_t>(signal.count), is_of))
+      const bool by_joint = std::ranges::any_of(signal.elements.names, [&](const std::string& joint) {
+        return glob(pattern, report::joint_name(signal.name + "[1]", joint));
+      });
+      if (!by_joint && !glob(pattern, signal.name) &&
+          std::none_of(first, first + static_cast<std::ptrdiff_t>(signal.count), is_of))
         continue;
       any = true;
       add(signal.name, all.signals.size());

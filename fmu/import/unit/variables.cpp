@@ -406,7 +406,8 @@ const ForeignVariables::Item* ForeignVariables::antiderivative(const Item& item,
   if (found == first.end()) return nullptr;
   const Item& of = *found->second;
   if (of.references != item.derivative_of || &of >= &item || of.size != item.size || of.si.empty()) return nullptr;
-  for (std::size_t i = 0; i < item.size; ++i) {
+  const std::size_t measures = item.element_si.empty() && of.element_si.empty() ? 1 : item.size;
+  for (std::size_t i = 0; i < measures; ++i) {
     if (!si::is_rate(item.si_of(i), of.si_of(i))) return nullptr;
   }
   return &of;

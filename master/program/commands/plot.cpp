@@ -59,16 +59,18 @@ struct Table {
   std::vector<std::vector<double>> columns;  // NaN: gaps
 };
 
-/// Reads only the columns of the patterns. What is left out goes to stderr.
+/// Reads only the columns of the patterns. What is left out goes to stderr. `in_file`, `facts`: of the columns by their names in the file, and by
+/// their own.
 Table read(const PlotArguments& a, const fs::path& recording, const trajectory::TimeColumn& time,
-           const report::ColumnFacts& facts) {
-  report::RowReader rows(recording, time, {}, facts);
+           const report::ColumnFacts& in_file, const report::ColumnFacts& facts) {
+  report::RowReader rows(recording, time, {}, in_file);
   std::vector<std::size_t> chosen;
   Table table;
   for (const std::string& pattern : a.patterns) {
     bool any = false;
     for (std::size_t i = 0; i < rows.names().size(); ++i) {
-      if (!report::selects(pattern, rows.names()[i])) continue;
+      const auto fact = facts.find(rows.names()[i]);
+      if (!report::selects(pattern, rows.names()[i], fact != facts.end() ? fact->second.joint : "")) continue;
       any = true;
       if (std::ranges::find(chosen, i) != chosen.end()) continue;
       chosen.push_back(i);
@@ -100,8 +102,8 @@ std::vector<plot::Panel> panels_of(const std::string& pattern, const Table& tabl
   std::vector<plot::Panel> panels;
   for (std::size_t c = 0; c < table.names.size(); ++c) {
     const std::string& column = table.names[c];
-    if (!report::selects(pattern, column)) continue;
     const auto found = facts.find(column);
+    if (!report::selects(pattern, column, found != facts.end() ? found->second.joint : "")) continue;
     const std::string unit = found == facts.end() ? "" : found->second.unit;
     auto panel = std::find_if(panels.begin(), panels.end(), [&](const plot::Panel& p) { return p.unit == unit; });
     if (panel == panels.end()) panel = panels.insert(panels.end(), plot::Panel{unit, {}});
@@ -128,7 +130,7 @@ int plot_command(const PlotArguments& a) {
   report::ColumnFacts facts;
   const report::ColumnFacts in_file = facts_of(recording);
   for (const auto& [name, fact] : in_file) facts.emplace(fact.name, fact);
-  const Table table = read(a, recording, a.time.chosen({&a.results, 1}), in_file);
+  const Table table = read(a, recording, a.time.chosen({&a.results, 1}), in_file, facts);
   plot::Chart chart;
   chart.title = a.title.empty() ? a.results.string() : a.title;
   chart.width = a.width;
