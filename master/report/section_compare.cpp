@@ -242,6 +242,23 @@ void compare_two(Page& page, std::span<const Results> all, std::size_t other, co
 
 }  // namespace
 
+std::vector<master::ElementKind> kinds_of(const json& entry, std::size_t size) {
+  return master::kinds_of(text_of(member(entry, "unit")), {{}, texts_of(member(entry, "units"))}, size);
+}
+
+std::string element_of(const LoadedRecording& recording, const std::string& name) {
+  const RecordedColumn* column = recording.find(name);
+  return element_of(column != nullptr ? *column : RecordedColumn{name, "", Curve(false), false, ""});
+}
+
+std::string element_of(const RecordedColumn& column) {
+  if (!column.joint.empty()) return column.joint;
+  const std::string &name = column.name, vector = vector_of(name);
+  if (vector != name) return name.substr(vector.size());
+  const std::size_t dot = name.rfind('.');
+  return dot == std::string::npos || dot + 1 == name.size() ? name : name.substr(dot + 1);
+}
+
 void write_comparison(Page& page, std::span<const Results> all, const Gnuplot& gnuplot) {
   page.heading(2, "Comparison");
   if (std::ranges::any_of(all, &Results::is_tuning)) compare_tunings(page, all);
