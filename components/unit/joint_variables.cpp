@@ -39,7 +39,8 @@ std::shared_ptr<const Elements> JointMeasures::elements(std::string_view revolut
   if (n == 0 || size % n != 0) return nullptr;
   Elements all;
   if (size == n) all.names = names_;
-  const bool differ = prismatic_si(revolute) != revolute && std::ranges::count(prismatic_, prismatic_.front()) != static_cast<std::ptrdiff_t>(n);
+  const bool differ = prismatic_si(revolute) != revolute &&
+                      std::ranges::count(prismatic_, prismatic_.front()) != static_cast<std::ptrdiff_t>(n);
   for (std::size_t i = 0; differ && i < size; ++i) all.si.push_back(si(revolute, i % n));
   return std::make_shared<const Elements>(std::move(all));
 }

@@ -17,7 +17,8 @@ double in_measure_of(const FoundElement& found, double value, const ParameterVal
   const Variable& variable = *found.variable;
   if (given.unit.empty()) return value;
   if (found.element < 0 && variable.mixed())
-    throw Error(given.place, given.name + ": its elements are in " + text::joined(variable.elements->si) + ", expected a value of each, or none in " + given.unit);
+    throw Error(given.place, given.name + ": its elements are in " + text::joined(variable.elements->si) +
+                                 ", expected a value of each, or none in " + given.unit);
   const std::string& si = variable.si_of(static_cast<std::size_t>(std::max<std::ptrdiff_t>(found.element, 0)));
   if (si.empty()) return value;
   const auto defined =

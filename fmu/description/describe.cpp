@@ -97,7 +97,8 @@ StartValues start_of(const Variable& v, std::size_t first, std::size_t count) {
 ModelVariable make_variable(const Variable& v, std::size_t first, std::size_t count) {
   ModelVariable out;
   out.name = v.name;
-  if (count != v.size()) out.name.insert(v.name.size() - (v.name.ends_with(')') ? 1 : 0), "[" + std::to_string(first + 1) + "]");
+  if (count != v.size())
+    out.name.insert(v.name.size() - (v.name.ends_with(')') ? 1 : 0), "[" + std::to_string(first + 1) + "]");
   out.type = type_of(v.kind());
   out.description = v.description;
   out.variability = v.kind() == Kind::kReal && !v.discrete ? Variability::kContinuous : Variability::kDiscrete;
@@ -161,7 +162,8 @@ void add_dependencies(ModelDescription& d, const Unit& unit, const Variables& va
     for (Unknown& output : d.structure.outputs) {
       if (output.variable < row || output.variable >= row + rows) continue;
       for (std::size_t j = 0; j < columns; ++j) {
-        if (!p.elementwise || columns == 1 || rows == 1 || j == output.variable - row) output.dependencies->push_back(column + j);
+        if (!p.elementwise || columns == 1 || rows == 1 || j == output.variable - row)
+          output.dependencies->push_back(column + j);
       }
     }
   }

@@ -117,7 +117,8 @@ void Exported::set(std::span<const unsigned> references, std::span<const Host> v
         const bool ranged = variable.role == Role::kParameter || variable.role == Role::kTunable;
         if (ranged && !(value >= variable.min && value <= variable.max)) {
           throw Error(name_of({&variable, s.first + i, 1}) + " = " + text::to_text(value) +
-                      (variable.si_of(s.first + i).empty() ? "" : " " + variable.si_of(s.first + i)) + ", expected " + allowed_values(variable));
+                      (variable.si_of(s.first + i).empty() ? "" : " " + variable.si_of(s.first + i)) + ", expected " +
+                      allowed_values(variable));
         }
       }
     }

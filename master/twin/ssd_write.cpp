@@ -134,7 +134,8 @@ class Writer {
     for (const Variable& v : member.variables()) {
       const auto write = [&](const std::string& name) {
         const std::ptrdiff_t element = find_element(member.variables(), name).element;
-        write_connector(name, v, components_[m].foreign ? "" : v.si_of(static_cast<std::size_t>(std::max<std::ptrdiff_t>(element, 0))));
+        write_connector(name, v,
+                        components_[m].foreign ? "" : v.si_of(static_cast<std::size_t>(std::max<std::ptrdiff_t>(element, 0))));
       };
       std::set<std::string> linked = linked_connectors(v);
       for (const std::string& name : connectors_of(v, 0, v.size(), scalars_ || v.mixed())) {

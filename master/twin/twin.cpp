@@ -155,7 +155,8 @@ void Twin::declare(Variables& variables) {
             if (role == Role::kOutput && v.has_start) declared.start();
             if (role == Role::kOutput && v.discrete) declared.discrete();
             if (role == Role::kOutput) declared.initially_from(initial.of(member, v));
-            if (role == Role::kInput || role == Role::kTunable) declare_as(role, outside_, name, storage, v).elements(v.elements);
+            if (role == Role::kInput || role == Role::kTunable)
+              declare_as(role, outside_, name, storage, v).elements(v.elements);
           },
           v.storage);
     }

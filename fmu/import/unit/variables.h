@@ -147,12 +147,12 @@ class ForeignVariables {
     std::size_t size = 0, first = 0;           // number of elements, index of the first in the storage of the kind
     double factor = 1, offset = 0;             // SI value = factor · FMU value + offset
     double min = 0, max = 0;
-    double nominal = 0;                           // in SI; 0: not given
-    std::string slope_of;                         // name of the output whose slope this is
-    bool continuous = false;                      // variability
-    bool settable = false;                        // its start value may be set …
-    bool structural = false;                      // … in Configuration Mode
-    bool interpolated = true;                     // may have a rate if the FMU interpolates inputs
+    double nominal = 0;                          // in SI; 0: not given
+    std::string slope_of;                        // name of the output whose slope this is
+    bool continuous = false;                     // variability
+    bool settable = false;                       // its start value may be set …
+    bool structural = false;                     // … in Configuration Mode
+    bool interpolated = true;                    // may have a rate if the FMU interpolates inputs
     std::vector<std::uint32_t> rate_references;  // of the inputs that are its rate
     std::vector<std::string> element_si;         // where elements differ; then `si` is that of the first
     const std::string& si_of(std::size_t element) const { return element_si.empty() ? si : element_si[element]; }

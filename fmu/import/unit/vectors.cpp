@@ -50,8 +50,9 @@ void ForeignVariables::collect_vectors(std::vector<Item>& items) const {
       const Item& i = items[m];
       return i.role == first.role && i.type == first.type && i.exchange == first.exchange && i.si.empty() == first.si.empty() &&
              i.factor == first.factor && i.offset == first.offset && i.min == first.min && i.max == first.max &&
-             i.rate_references.size() == first.rate_references.size() && i.settable == first.settable && i.interpolated == first.interpolated &&
-             i.derivative_of.size() == first.derivative_of.size() && i.start.index() == first.start.index();
+             i.rate_references.size() == first.rate_references.size() && i.settable == first.settable &&
+             i.interpolated == first.interpolated && i.derivative_of.size() == first.derivative_of.size() &&
+             i.start.index() == first.start.index();
     });
     if (!alike) continue;
     Item vector = first;
@@ -64,7 +65,8 @@ void ForeignVariables::collect_vectors(std::vector<Item>& items) const {
     for (const std::size_t m : family.members) {
       vector.references.push_back(items[m].references.front());
       if (m == family.members.front()) continue;
-      vector.rate_references.insert(vector.rate_references.end(), items[m].rate_references.begin(), items[m].rate_references.end());
+      vector.rate_references.insert(vector.rate_references.end(), items[m].rate_references.begin(),
+                                    items[m].rate_references.end());
       if (!vector.derivative_of.empty()) vector.derivative_of.push_back(items[m].derivative_of.front());
       // Of different magnitudes the vector has the smallest: a tolerance is then too small for some elements, never too large.
       if (items[m].nominal > 0 && (vector.nominal == 0 || items[m].nominal < vector.nominal)) vector.nominal = items[m].nominal;

@@ -26,7 +26,8 @@ double power_factor(const Signal& effort, const Signal& flow, const std::string&
     const std::string &of_effort = effort.variable->si_of(effort.first + i), &of_flow = flow.variable->si_of(flow.first + i);
     if (of_effort.empty() || of_flow.empty()) return 1;
     const si::Measure e = si::parse(of_effort), f = si::parse(of_flow);
-    if (!is_power(e, f)) fail(place, effort.name + " * " + flow.name + ": " + of_effort + " times " + of_flow + " is not a power");
+    if (!is_power(e, f))
+      fail(place, effort.name + " * " + flow.name + ": " + of_effort + " times " + of_flow + " is not a power");
     factor = e.factor * f.factor;
   }
   return factor;

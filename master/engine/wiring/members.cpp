@@ -190,7 +190,8 @@ void check_connector(const ConnectorSpec& connector, const Member& member, const
   for (std::size_t i = first; i <= last; ++i) {
     const std::string& si = variable->si_of(i);
     if (!si.empty() && !si::convertible(measure(scenario, connector.unit), si::parse(si)))
-      fail(connector.place, "connector " + in_quotes(full) + ": " + connector.unit + " is not a measure of a variable in " + si);
+      fail(connector.place,
+           "connector " + in_quotes(full) + ": " + connector.unit + " is not a measure of a variable in " + si);
   }
 }
 
