@@ -162,6 +162,7 @@ void Master::Loop::open_recordings() {
   if (!view_file_.empty()) {
     options.heading = view_heading(view_columns_);
     options.ring_bytes = std::size_t{1} << 20;
+    if (options.holds) options.least_rows = static_cast<std::size_t>((kCheckpointEvery + kMostWaiting) / view_.every) + 2;
     if (resume_) options.kept = {0, kept_view_rows_, 0};
     view_.recorder = std::make_unique<Recorder>(view_columns_, view_file_, options);
     if (!resume_) view_.next = tick_;
@@ -302,8 +303,12 @@ void Master::Loop::restore(const RunState& run) {
   kept_view_rows_ = in.value<std::int64_t>();
   if (live_) live_->read(in, tick_);
   in.expect_end();
-  const bool fits = signals_.next > tick_ && view_.next > tick_ && kept_view_rows_ >= 0;
-  if (!fits || run.recording.has_value() != !recording_.empty()) in.fail("is damaged");
+  const auto fits = [&](const Rows& rows, const std::filesystem::path& file) {
+    return rows.next > tick_ && (rows.next == kNever || !file.empty());
+  };
+  if (!fits(signals_, recording_) || !fits(view_, view_file_) || kept_view_rows_ < 0 ||
+      run.recording.has_value() != !recording_.empty())
+    in.fail("is damaged");
   engine_.check_finite(now());
   earlier_seconds_ = run.wall_seconds;
 }

@@ -300,7 +300,9 @@ ViewSummary write_view(const ViewOptions& options, std::span<const UnitType> typ
     recorded = std::move(*view);
     view.reset();
   }
-  const Recorded staged = view ? joined(*view, recorded) : recorded;
+  std::optional<Recorded> both;
+  if (view) both = joined(*view, recorded);
+  const Recorded& staged = both ? *both : recorded;
 
   const std::optional<Scenario> scenario = find_scenario(options, results, types, remarks);
   const std::vector<fs::path> folders = options.model_folders(scenario ? scenario->folder : fs::path());
