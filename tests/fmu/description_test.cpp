@@ -161,7 +161,7 @@ std::string scalar(const std::string& name, int reference, const std::string& co
          "'>" + content + "</ScalarVariable>";
 }
 
-TEST(ForeignVectors, AreBuiltFromScalarsWithEqualAttributes) {
+TEST(ForeignVectors, AreBuiltFromScalarsWithEqualAttributesButForTheirUnits) {
   const ModelDescription d = parse(
       fmi2(scalar("q[2]", 2, "<Real start='20' unit='rad'/>") + scalar("u", 9) +
            scalar("q[1]", 1, "<Real start='10' unit='rad'/>") + scalar("q[3]", 3, "<Real start='30' unit='rad'/>") +
@@ -172,8 +172,11 @@ TEST(ForeignVectors, AreBuiltFromScalarsWithEqualAttributes) {
   foreign.declare(v);
   std::vector<std::string> names;
   for (const Variable& variable : v) names.push_back(variable.name);
-  EXPECT_THAT(names, ElementsAre("q", "u", "A[1,1]", "x[0]", "x[1]", "y[1]", "y[2]", "z[1]", "z[3]", "w[1]"));
+  EXPECT_THAT(names, ElementsAre("q", "u", "A[1,1]", "x[0]", "x[1]", "y", "z[1]", "z[3]", "w[1]"));
   EXPECT_THAT(v.at("q").reals(), ElementsAre(10, 20, 30));
+  EXPECT_EQ(v.at("y").si, "");
+  EXPECT_EQ(v.at("y").si_of(0), "rad");
+  EXPECT_EQ(v.at("y").si_of(1), "m");
   EXPECT_EQ(find_element(v, "q[2]").element, 1);
   EXPECT_EQ(find_element(v, "A[1,1]").element, -1);
   EXPECT_EQ(find_element(v, "x[1]").variable, &v.at("x[1]"));

@@ -269,7 +269,8 @@ TEST_F(Load, ChecksAnFmuWithAndWithoutLoadingIt) {
   const auto texts = [](const std::vector<Finding>& findings, Finding::Level level) {
     std::vector<std::string> all;
     for (const Finding& f : findings) {
-      if (f.level == level) all.push_back(f.text);
+      const bool sanitizer = !std::string(COTWIN_SANITIZERS).empty() && f.text.find("san.so.") != std::string::npos;
+      if (f.level == level && !sanitizer) all.push_back(f.text);
     }
     return all;
   };
