@@ -14,8 +14,8 @@ constexpr double kCorrection = 0.2;
 constexpr double kSlop = 5e-6;              // m
 constexpr double kFastestCorrection = 0.1;  // m/s
 
-/// Gaps below this value are rounding noise and are treated as zero, so that resting bodies stay at rest.
-constexpr double kGapNoise = 1e-12;  // m
+/// Smaller gaps are treated as zero: a solver leaves such ones between bodies at rest, and they would part redundant points.
+constexpr double kGapNoise = 1e-9;  // m
 
 }  // namespace
 
@@ -107,6 +107,12 @@ void World::Impl::collect_contact(std::size_t t, Stage stage, double h) {
     if (share != 1) row.x[k + 1] = share > 0 ? row.x[k + 1] / (share * share) : 0;
   }
   row.x[0] = std::max(row.x[0], row.lo);
+  const auto before = [&](int body) -> Vector3d {
+    if (bodies[index(body)].motion == scene::Motion::kStatic) return Vector3d::Zero();
+    const Start& start = starts[index(body)];
+    return start.v + start.w.cross(row.p - bodies[index(body)].p);
+  };
+  row.speed = (before(touch.point.body_b) - before(touch.point.body_a)).norm();
   rows.add(row);
   // Bounded by the normal impulse of the last solution: exact for constant forces.
   const double spin = touch.torsion * std::max(n.dot(touch.impulse), 0.0);

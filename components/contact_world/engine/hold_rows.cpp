@@ -1,9 +1,8 @@
 // Impulses that hold an island at rest, if there are any.
 //
-// Coulomb's law can have several solutions: a card house stands in one and slides apart in another, and both satisfy it to rounding. Bodies at
-// rest stay there if they can. Whether they can is a convex problem: minimise the kinetic energy ½ |v|² after the step over all impulses in the
-// friction cones. If its minimum is zero, nothing slips, and the impulses satisfy Coulomb's law as well. Otherwise its friction opens gaps
-// (it is the associated law, μ |u_t| is added to u_n), and the result is not used.
+// Coulomb's law can have several solutions: a card house stands in one and slides apart in another; a part stays between two pads if their points
+// share its weight, and turns out of them if one end bears it all. Each satisfies the law to rounding. Bodies at rest stay there if they can, with
+// impulses that are as far from the friction cones as can be.
 #include <algorithm>
 #include <cmath>
 
@@ -11,96 +10,114 @@
 #include "components/contact_world/engine/solvers/numbers.h"
 
 namespace cotwin::contact_world {
-namespace {
+/// Whether all points were at rest before the forces of the stage acted, as far as a solver keeps them there.
+bool Rows::stands(const Island& island, double rest) const {
+  if (rest == 0 || island.first_cone == island.end_cone || rows_of(island) > kRowsOfMoving) return false;
+  const double slow = std::min(kPoorResidual * rest, kPoorCreep);
+  for (std::size_t i = island.first_cone; i < island.end_cone; ++i) {
+    if (!(cones_[cores_[i].row].speed <= slow)) return false;
+  }
+  return true;
+}
 
-/// Sweeps: at first, most in total, and after those. Their number doubles while the residual falls below this share of that before.
-constexpr int kFirst = 250, kMost = 4000, kChecking = 2;
-constexpr double kFalls = 0.7;
-
-/// Residual of these sweeps, relative to the one that is enough afterwards.
-constexpr double kFiner = 0.1;
-
-/// Slip of the result, relative to the residual that is enough, that counts as none.
-constexpr double kSame = 10;
-
-}  // namespace
-
-/// Moves a contact's impulse against the gradient w and back into the cone. Returns the change of velocity that the contact required.
-double Rows::push_into_cone(Core& core) {
-  double w[3] = {core.b[0] + core.softness * core.x[0], core.b[1], core.b[2]};
+/// Velocity of a contact against its targets, with the normal impulse x_n.
+Vector3d Rows::velocity_of(const Core& core, double x_n) const {
+  Vector3d w(core.b[0] + core.softness * x_n, core.b[1], core.b[2]);
   for (const Side& side : core.side) {
     for (int k = 0; k < 3; ++k) w[k] += velocity(y_.data() + side.y + index(k * side.size), side);
   }
-  const double stiffest =
-      std::max({core.A_nn + core.softness + std::abs(core.A_n1) + std::abs(core.A_n2),
-                core.A_11 + std::abs(core.A_n1) + std::abs(core.A_12), core.A_22 + std::abs(core.A_n2) + std::abs(core.A_12)});
-  if (!(stiffest > 0)) return 0;
-  double n = core.x[0] - w[0] / stiffest, t1 = core.x[1] - w[1] / stiffest, t2 = core.x[2] - w[2] / stiffest;
-  const double t = std::hypot(t1, t2), mu = core.mu;
-  Hold hold = Hold::kSticks;
-  if (t > mu * n || n < 0) {
-    const double on_cone = std::max(0.0, (n + mu * t) / (1 + mu * mu));
-    const double share = t > 0 ? mu * on_cone / t : 0;
-    hold = on_cone > 0 ? Hold::kSlips : Hold::kOpen;
-    n = on_cone;
-    t1 *= share;
-    t2 *= share;
-  }
-  const double x[] = {n, t1, t2};
+  return w;
+}
+
+/// Largest velocity, against their targets, of contacts of the solution that do not open faster than `still`, m/s.
+double Rows::slip(const Island& island, double still) const {
   double largest = 0;
-  for (int k = 0; k < 3; ++k) {
-    core.change[k] = x[k] - core.x[k];
-    core.x[k] = x[k];
-    largest = std::max(largest, std::abs(core.change[k]) * stiffest);
+  for (std::size_t i = island.first_cone; i < island.end_cone; ++i) {
+    const double load = cones_[cores_[i].row].x[0];
+    const Vector3d w = velocity_of(cores_[i], load);
+    if (load <= 0 && w[0] > still) continue;
+    largest = std::max({largest, std::abs(w[0]), std::hypot(w[1], w[2])});
   }
-  linear_ = linear_ && hold == core.hold && hold != Hold::kSlips;
-  core.hold = hold;
-  apply_impulse(core, core.change);
   return largest;
 }
 
-/// Whether a loaded contact of the solution moves faster than this against its targets.
-bool Rows::slips(const Island& island, double speed) const {
+/// Replaces the solution of an island that stands, but would slip, by one that holds it with a residual of at most `enough`, if there is one
+/// without other contacts that open and other rows at their bounds.
+void Rows::hold_if_slips(const Island& island, double still, double enough, double rest, Outcome& outcome) {
+  if (!stands(island, rest) || !(slip(island, still) > still)) return;
+  int coordinates = 0;
+  for (std::size_t s = island.first_slice; s < island.end_slice; ++s) {
+    const Slice& slice = slices_[index(island_slices_[s])];
+    place_[index(slice.offset)] = coordinates;
+    coordinates += slice.size;
+  }
+  if (coordinates > CentralImpulses::kMostCoordinates) return;
+  const auto parts = [&](const Side* sides, CentralImpulses::Block& block) {
+    for (int s = 0; s < 2; ++s) block.part[s] = {y_.data() + sides[s].y, place_[index(sides[s].offset)], sides[s].size};
+  };
+  holding_.clear();
+  for (std::size_t i = island.first_box; i < island.end_box; ++i) {
+    const BoxRow& row = boxes_[i];
+    if (row.x <= row.lo || row.x >= row.hi) continue;
+    CentralImpulses::Block block;
+    block.count = 1;
+    block.softness = row.softness;
+    block.lo = row.lo;
+    block.hi = row.hi;
+    block.x[0] = row.x;
+    block.w[0] = row.u + row.softness * row.x - row.target;
+    for (const Side& side : row.side) block.w[0] += velocity(y_.data() + side.y, side);
+    parts(row.side, block);
+    holding_.add(block);
+  }
+  const auto opens = [&](const Core& core) {
+    const double load = cones_[core.row].x[0];
+    return load <= 0 && velocity_of(core, load)[0] > enough;
+  };
   for (std::size_t i = island.first_cone; i < island.end_cone; ++i) {
     const Core& core = cores_[i];
-    if (!(cones_[core.row].x[0] > 0)) continue;
-    for (int k = 0; k < 3; ++k) {
-      double w = core.b[k];
-      for (const Side& side : core.side) w += velocity(y_.data() + side.y + index(k * side.size), side);
-      if (std::abs(w) > speed) return true;
-    }
+    if (opens(core)) continue;
+    CentralImpulses::Block block;
+    block.mu = core.mu;
+    block.softness = core.softness;
+    block.x = Eigen::Map<const Vector3d>(cones_[core.row].x);
+    block.w = velocity_of(core, block.x[0]);
+    parts(core.side, block);
+    holding_.add(block);
   }
-  return false;
-}
+  if (!holding_.solve(coordinates, enough / 2)) return;
 
-/// Replaces the solution of an island at rest by one that holds it with a residual of at most `enough`, if that is found.
-void Rows::hold(const Island& island, double enough, Outcome& outcome) {
-  clear_changes(island);
+  const CentralImpulses::Block* next = holding_.blocks().data();
+  before_holding_.clear();
+  for (std::size_t i = island.first_box; i < island.end_box; ++i) {
+    BoxRow& row = boxes_[i];
+    before_holding_.push_back(row.x);
+    if (row.x > row.lo && row.x < row.hi) row.x = next++->x[0];
+  }
   for (std::size_t i = island.first_cone; i < island.end_cone; ++i) {
-    Core& core = cores_[i];  // with the impulses of the last sweep
-    core.x[0] = std::max(core.x[0], 0.0);
-    const double* applied = cones_[core.row].applied;
-    const double gained[] = {core.x[0] - applied[0], core.x[1] - applied[1], core.x[2] - applied[2]};
-    apply_impulse(core, gained);
+    ConeRow& row = cones_[cores_[i].row];
+    before_holding_.insert(before_holding_.end(), row.x, row.x + 3);
+    if (!opens(cores_[i])) std::copy_n(next++->x.data(), 3, row.x);
   }
-  holding_ = true;
-  double before = kInfinity;
-  for (int sweeps = kFirst; sweeps <= kMost; sweeps *= 2) {
-    const Outcome some = sweep(island, {sweeps, sweeps, kFiner * enough, kFiner * enough}, true);
-    outcome.iterations += some.iterations;
-    if (some.residual <= kFiner * enough || some.residual > kFalls * before) break;
-    before = some.residual;
+  clear_changes(island);
+  apply_start(island);
+  double residual = slip(island, enough);
+  for (std::size_t i = island.first_box; i < island.end_box; ++i) {
+    const BoxRow& row = boxes_[i];
+    double w = row.u + row.softness * row.x - row.target;
+    for (const Side& side : row.side) w += velocity(y_.data() + side.y, side);
+    residual = std::max(residual, std::abs(std::clamp(row.x - w * row.inverse_A, row.lo, row.hi) - row.x) * row.A);
   }
-  holding_ = false;
-  const Outcome checked = sweep(island, {kChecking, kChecking, 0, 0}, false);
-  outcome.iterations += checked.iterations;
-  if (checked.residual <= enough && !slips(island, kSame * enough)) {
-    outcome.residual = checked.residual;
-    for (std::size_t i = island.first_cone; i < island.end_cone; ++i) std::copy_n(cores_[i].x, 3, cones_[cores_[i].row].x);
-  } else {
-    clear_changes(island);
-    apply_start(island);
+  if (residual <= enough) {
+    outcome.residual = residual;
+    outcome.unsolved = 0;
+    return;
   }
+  const double* then = before_holding_.data();
+  for (std::size_t i = island.first_box; i < island.end_box; ++i) boxes_[i].x = *then++;
+  for (std::size_t i = island.first_cone; i < island.end_cone; ++i, then += 3) std::copy_n(then, 3, cones_[cores_[i].row].x);
+  clear_changes(island);
+  apply_start(island);
 }
 
 }  // namespace cotwin::contact_world

@@ -163,6 +163,8 @@ Rows::Outcome Rows::pivot(const Island& island, int iterations, double tolerance
   }
   outcome.unsolved = rest > 0 && outcome.residual > rest;
   outcome.iterations += sweeps;
+  const double enough = effort(island, iterations, tolerance, true, rest).tolerance_at_rest;
+  hold_if_slips(island, outcome.extended > 0 ? std::min(outcome.residual, enough) : enough, enough, rest, outcome);
   return outcome;
 }
 

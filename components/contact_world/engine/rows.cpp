@@ -90,6 +90,7 @@ Rows::Rows(std::span<const RigidBody> bodies, const Forest& forest) : slice_of_b
   for (std::vector<double>* z : {&z_, &z_start_, &z_before_, &z_path_}) z->resize(index(offset));
   latest_.resize(index(offset), -1);
   users_.resize(index(offset), {0, 0});
+  place_.resize(index(offset));
   parent_.resize(slices_.size());
   island_of_slice_.resize(slices_.size());
   island_slices_.resize(slices_.size());
@@ -104,6 +105,8 @@ void Rows::reserve(std::size_t cones, std::size_t boxes, std::size_t gears) {
   gears_.reserve(gears);
   gears_before_.reserve(gears);
   sorted_boxes_.reserve(boxes);
+  holding_.reserve(std::min(cones + boxes, kRowsOfMoving), z_.size());
+  before_holding_.reserve(kRowsOfMoving);
   y_.reserve(2 * (widest + 1) * (3 * cones + boxes));
   islands_.reserve(slices_.size());
   reserve_pivoting(cones, boxes);

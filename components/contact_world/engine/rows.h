@@ -10,6 +10,7 @@
 #include "components/contact_world/engine/body/body.h"
 #include "components/contact_world/engine/joints/forest.h"
 #include "components/contact_world/engine/soft_contact.h"
+#include "components/contact_world/engine/solvers/central_impulses.h"
 #include "components/contact_world/engine/solvers/dantzig.h"
 
 namespace cotwin::contact_world {
@@ -67,9 +68,10 @@ struct ConeRow {
   double push = 0, damper = 0;  // kGiven: constant impulse, N.s, and impulse per speed, N.s²/m
   double swing = 0;             // result: (h ω)²
   double target = 0, softness = 0, mu = 0;
-  double slide[2] = {};  // targets of the tangential velocities
-  double lift = 0;       // part of the target that lifts the bodies out of each other
-  double lo = 0;         // ≤ 0; Dantzig uses 0
+  double slide[2] = {};                                    // targets of the tangential velocities
+  double lift = 0;                                         // part of the target that lifts the bodies out of each other
+  double speed = std::numeric_limits<double>::infinity();  // of the point before gravity and drives act in the stage, m/s
+  double lo = 0;                                           // ≤ 0; Dantzig uses 0
   double x[3] = {}, applied[3] = {};
   int point = 0;  // index of the step's contact
   int island = 0;
@@ -136,6 +138,9 @@ class Rows {
   static constexpr std::size_t kRowsOfSmall = 96, kRowsOfMoving = 240, kRowsToPivot = 600;
   /// Residual, relative to the speed of rest, up to which a result counts as exact.
   static constexpr double kExactResidual = 1e-4;
+  /// Residual, relative to the speed of rest, above which small moving islands are pivoted after sweeps, and islands at rest are unsolved; the
+  /// latter for long steps, in which bodies creep as far as in short ones, m/s.
+  static constexpr double kPoorResidual = 0.05, kPoorCreep = 1e-3;
 
   struct Island {
     std::size_t first_box = 0, end_box = 0, first_cone = 0, end_cone = 0, first_slice = 0, end_slice = 0;
@@ -183,9 +188,10 @@ class Rows {
   double solve(Core& core);
   double solve_any(Core& core);
   double share(const Island& island);
-  double push_into_cone(Core& core);
-  bool slips(const Island& island, double speed) const;
-  void hold(const Island& island, double enough, Outcome& outcome);
+  bool stands(const Island& island, double rest) const;
+  Vector3d velocity_of(const Core& core, double x_n) const;
+  double slip(const Island& island, double still) const;
+  void hold_if_slips(const Island& island, double still, double enough, double rest, Outcome& outcome);
   void apply_start(const Island& island);
   void scale_start(const Island& island);
   bool adds_energy(const Island& island) const;
@@ -208,6 +214,7 @@ class Rows {
   Outcome sweep_only(const Island& island, const Effort& effort);
   /// What sweeps may leave without being followed by pivots.
   enum class Residual : char { kNone, kOfMovingContacts };
+  Outcome sweep_or_pivot(const Island& island, int iterations, double tolerance, double rest, Residual allowed);
   Outcome sweep(const Island& island, int iterations, double tolerance, double rest, Residual allowed);
   bool pivot_from_start(const Island& island, const Pivots& limits, double acceptable, Outcome& outcome);
   Outcome pivot(const Island& island, int iterations, double tolerance, double rest);
@@ -236,12 +243,14 @@ class Rows {
   std::vector<int> pairs_;           // pair of bodies of each row of A_
   std::uint64_t version_ = 0;        // of A_
   std::vector<double> diagonal_;     // of A_ without softness
-  bool holding_ = false;             // sweeps minimise the kinetic energy over the cones
   bool linear_ = false;              // no contact opened, closed, slipped or began to stick in the last sweep
   bool assembled_ = false;           // A_ belongs to the only island, as prepared
   std::vector<FrictionCone> friction_;
-  std::vector<RowProfile> users_;     // work array of assemble(): first and last row of each slice
-  std::vector<int> latest_, before_;  // last side in each slice, and the previous side of each side, or −1
+  std::vector<RowProfile> users_;  // work array of assemble(): first and last row of each slice
+  CentralImpulses holding_;
+  std::vector<double> before_holding_;  // impulses of the island's rows
+  std::vector<int> place_;              // of a slice's first element in z_ among the island's coordinates
+  std::vector<int> latest_, before_;    // last side in each slice, and the previous side of each side, or −1
 };
 
 }  // namespace cotwin::contact_world

@@ -26,11 +26,8 @@ constexpr std::size_t kContactsAtRest = 200;
 constexpr int kFactorAtRest = 50, kFactorBeforePivots = 5;
 constexpr double kConvergedAtRest = 1e-4;
 
-/// Residual, relative to the speed of rest, above which small moving islands are pivoted after sweeps, and islands at rest are unsolved.
-constexpr double kPoorResidual = 0.05;
-
-/// The same as speeds for long steps, in which bodies creep as far as in short ones: converged, unsolved. m/s
-constexpr double kConvergedCreep = 2e-6, kPoorCreep = 1e-3;
+/// The same as a speed for long steps, in which bodies creep as far as in short ones, m/s.
+constexpr double kConvergedCreep = 2e-6;
 
 /// Residual that ends additional sweeps over limits, motors and friction of joints, which cost little: rad/s, m/s.
 constexpr double kConvergedAxes = 1e-6;
@@ -182,7 +179,6 @@ double Rows::solve(Core& core) {
 
 /// Returns the change of velocity that the contact required.
 double Rows::solve_any(Core& core) {
-  if (holding_) return push_into_cone(core);
   const int a = core.side[0].size, b = core.side[1].size;
   if (a == 6 && b == 6) return solve<6, 6>(core);
   if (a == 0 && b == 6) return solve<0, 6>(core);
@@ -375,7 +371,7 @@ Rows::Outcome Rows::sweep_only(const Island& island, const Effort& effort) {
 // Pivots, from where the sweeps have come to, islands at rest whose sweeps do not converge (they stand or fall by friction), small ones that sweeps
 // leave far from their laws (bodies of very different mass), and with Residual::kNone all that are not too large. Where pivoting does not end,
 // islands at rest are swept further, and others keep the result of the sweeps.
-Rows::Outcome Rows::sweep(const Island& island, int iterations, double tolerance, double rest, Residual allowed) {
+Rows::Outcome Rows::sweep_or_pivot(const Island& island, int iterations, double tolerance, double rest, Residual allowed) {
   const bool rests = at_rest(island, rest);
   const Effort most = effort(island, iterations, tolerance, rests, rest);
   Effort some = most;
@@ -407,8 +403,14 @@ Rows::Outcome Rows::sweep(const Island& island, int iterations, double tolerance
   }
   outcome.iterations += sweeps;
   outcome.extended = 1;
-  if (more && !large && slips(island, enough)) hold(island, enough, outcome);
   outcome.unsolved = rest > 0 && outcome.residual > (rests ? std::min(kPoorResidual * rest, kPoorCreep) : rest);
+  return outcome;
+}
+
+Rows::Outcome Rows::sweep(const Island& island, int iterations, double tolerance, double rest, Residual allowed) {
+  Outcome outcome = sweep_or_pivot(island, iterations, tolerance, rest, allowed);
+  const double enough = effort(island, iterations, tolerance, true, rest).tolerance_at_rest;
+  hold_if_slips(island, enough, enough, rest, outcome);
   return outcome;
 }
 
