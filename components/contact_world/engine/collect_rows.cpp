@@ -14,6 +14,9 @@ constexpr double kCorrection = 0.2;
 constexpr double kSlop = 5e-6;              // m
 constexpr double kFastestCorrection = 0.1;  // m/s
 
+/// Friction above this share of its bound slides.
+constexpr double kOnCone = 1 - 1e-6;
+
 /// Smaller gaps are treated as zero: a solver leaves such ones between bodies at rest, and they would part redundant points.
 constexpr double kGapNoise = 1e-9;  // m
 
@@ -112,6 +115,7 @@ void World::Impl::collect_contact(std::size_t t, Stage stage, double h) {
     const Start& start = starts[index(body)];
     return start.v + start.w.cross(row.p - bodies[index(body)].p);
   };
+  row.slid = row.x[0] > 0 && std::hypot(row.x[1], row.x[2]) >= kOnCone * row.mu * row.x[0];
   row.speed = (before(touch.point.body_b) - before(touch.point.body_a)).norm();
   rows.add(row);
   // Bounded by the normal impulse of the last solution: exact for constant forces.

@@ -10,12 +10,13 @@
 #include "components/contact_world/engine/solvers/numbers.h"
 
 namespace cotwin::contact_world {
-/// Whether all points were at rest before the forces of the stage acted, as far as a solver keeps them there.
-bool Rows::stands(const Island& island, double rest) const {
+/// Whether all points were at rest before the forces of the stage acted, as far as a solver keeps them there, and none slid.
+bool Rows::stands(const Island& island, double enough, double rest) const {
   if (rest == 0 || island.first_cone == island.end_cone || rows_of(island) > kRowsOfMoving) return false;
   const double slow = std::min(kPoorResidual * rest, kPoorCreep);
   for (std::size_t i = island.first_cone; i < island.end_cone; ++i) {
-    if (!(cones_[cores_[i].row].speed <= slow)) return false;
+    const ConeRow& row = cones_[cores_[i].row];
+    if (!(row.speed <= (row.slid ? enough : slow))) return false;
   }
   return true;
 }
@@ -42,9 +43,9 @@ double Rows::slip(const Island& island, double still) const {
 }
 
 /// Replaces the solution of an island that stands, but would slip, by one that holds it with a residual of at most `enough`, if there is one
-/// without other contacts that open and other rows at their bounds.
+/// in which the touching points keep touching and rows at their bounds stay there.
 void Rows::hold_if_slips(const Island& island, double still, double enough, double rest, Outcome& outcome) {
-  if (!stands(island, rest) || !(slip(island, still) > still)) return;
+  if (!stands(island, enough, rest) || !(slip(island, still) > still)) return;
   int coordinates = 0;
   for (std::size_t s = island.first_slice; s < island.end_slice; ++s) {
     const Slice& slice = slices_[index(island_slices_[s])];
@@ -70,13 +71,10 @@ void Rows::hold_if_slips(const Island& island, double still, double enough, doub
     parts(row.side, block);
     holding_.add(block);
   }
-  const auto opens = [&](const Core& core) {
-    const double load = cones_[core.row].x[0];
-    return load <= 0 && velocity_of(core, load)[0] > enough;
-  };
+  const auto apart = [&](const Core& core) { return cones_[core.row].x[0] <= 0 && core.target < -enough; };
   for (std::size_t i = island.first_cone; i < island.end_cone; ++i) {
     const Core& core = cores_[i];
-    if (opens(core)) continue;
+    if (apart(core)) continue;
     CentralImpulses::Block block;
     block.mu = core.mu;
     block.softness = core.softness;
@@ -97,7 +95,7 @@ void Rows::hold_if_slips(const Island& island, double still, double enough, doub
   for (std::size_t i = island.first_cone; i < island.end_cone; ++i) {
     ConeRow& row = cones_[cores_[i].row];
     before_holding_.insert(before_holding_.end(), row.x, row.x + 3);
-    if (!opens(cores_[i])) std::copy_n(next++->x.data(), 3, row.x);
+    if (!apart(cores_[i])) std::copy_n(next++->x.data(), 3, row.x);
   }
   clear_changes(island);
   apply_start(island);

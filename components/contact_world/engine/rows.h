@@ -71,6 +71,7 @@ struct ConeRow {
   double slide[2] = {};                                    // targets of the tangential velocities
   double lift = 0;                                         // part of the target that lifts the bodies out of each other
   double speed = std::numeric_limits<double>::infinity();  // of the point before gravity and drives act in the stage, m/s
+  bool slid = true;      // the friction of the last solution was at its bound
   double lo = 0;                                           // ≤ 0; Dantzig uses 0
   double x[3] = {}, applied[3] = {};
   int point = 0;  // index of the step's contact
@@ -188,11 +189,12 @@ class Rows {
   double solve(Core& core);
   double solve_any(Core& core);
   double share(const Island& island);
-  bool stands(const Island& island, double rest) const;
+  bool stands(const Island& island, double enough, double rest) const;
   Vector3d velocity_of(const Core& core, double x_n) const;
   double slip(const Island& island, double still) const;
   void hold_if_slips(const Island& island, double still, double enough, double rest, Outcome& outcome);
   void apply_start(const Island& island);
+  void apply_impulses(const Island& island);
   void scale_start(const Island& island);
   bool adds_energy(const Island& island) const;
   void clear_changes(const Island& island);

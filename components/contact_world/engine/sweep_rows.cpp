@@ -11,6 +11,9 @@ namespace {
 /// Relative distance from the cone below which a tangent impulse slips; parallel directions; largest extrapolation.
 constexpr double kRounding = 1e-12, kParallel = 1e-10, kFarthestShare = 100;
 
+/// Growth of the residual that ends the acceleration: changes of the size of rounding errors are extrapolated, and z does not belong to x any more.
+constexpr double kDiverges = 100;
+
 /// Changes of z with a smaller square, relative to zᵀz, are extrapolated only if that square is a negligible energy (J).
 constexpr double kResolved = 1e-16, kNegligible = 1e-13;
 
@@ -293,7 +296,7 @@ void Rows::extrapolate(const Island& island, Shares shares) {
 // in the plane of its change and the previous path. Otherwise it is nonlinear [Silcowitz, Niebe, Erleben 2010] and restarts
 // when the changes grow. The last sweep is not extrapolated, so that x stays within its bounds.
 Rows::Outcome Rows::sweep(const Island& island, const Effort& effort, bool accelerate) {
-  double square_before = 0;
+  double square_before = 0, least = kInfinity;  // residual since contacts last changed their state
   if (accelerate) begin_acceleration(island);
   Outcome outcome;
   for (std::size_t i = island.first_box; i < island.end_box; ++i) outcome.degenerate += boxes_[i].redundant;
@@ -315,6 +318,13 @@ Rows::Outcome Rows::sweep(const Island& island, const Effort& effort, bool accel
     outcome.residual = residual;
     if (residual <= (k < effort.least ? effort.tolerance : effort.tolerance_at_rest)) break;
     if (!accelerate || k + 1 == effort.most) continue;
+    least = linear_ ? std::min(least, residual) : residual;
+    if (residual > kDiverges * least) {
+      accelerate = false;
+      clear_changes(island);
+      apply_impulses(island);
+      continue;
+    }
     const double square = linear_ ? 0 : squared_change(island);
     extrapolate(island, linear_ ? optimal_shares(island) : Shares{0, square < square_before ? square / square_before : 0});
     square_before = square;

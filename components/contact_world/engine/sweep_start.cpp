@@ -16,14 +16,16 @@ void Rows::apply_start(const Island& island) {
     if (gained == 0) continue;
     for (const Side& side : row.side) apply_impulse(y_.data() + side.y, side, gained);
   }
+  for (std::size_t i = island.first_cone; i < island.end_cone; ++i) std::copy_n(cones_[cores_[i].row].x, 3, cores_[i].x);
+  apply_impulses(island);
+}
+
+/// Applies the changes of the contacts' x to the coordinates.
+void Rows::apply_impulses(const Island& island) {
   for (std::size_t i = island.first_cone; i < island.end_cone; ++i) {
-    Core& core = cores_[i];
-    const ConeRow& row = cones_[core.row];
+    const Core& core = cores_[i];
     double gained[3];
-    for (int k = 0; k < 3; ++k) {
-      core.x[k] = row.x[k];
-      gained[k] = row.x[k] - row.applied[k];
-    }
+    for (int k = 0; k < 3; ++k) gained[k] = core.x[k] - cones_[core.row].applied[k];
     apply_impulse(core, gained);
   }
 }

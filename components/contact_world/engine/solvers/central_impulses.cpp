@@ -204,8 +204,10 @@ bool CentralImpulses::solve(int coordinates, double enough) {
     find_steps(false);
     double share = 1;
     while (!all_inside(share / kInside) && share > 1e-6) share *= kShortens;
-    move(share);
-    if (share == 1) tau *= kFalls;
+    const double largest = move(share);
+    if (share < 1) continue;
+    if (largest <= enough) return true;  // some are zero in every solution
+    tau *= kFalls;
   }
   return false;
 }
