@@ -16,10 +16,6 @@ namespace {
 
 using Values = std::vector<double>;
 
-/// h ω of a soft contact above which the mean force over a step misses more than 5 % of its peaks.
-constexpr double kResolvedSwing = 1;
-constexpr double kUnsolvedTime = 0.05;  // s; single impacts that are not solved pass unnoticed
-
 Eigen::Map<Eigen::Vector3d> vector3(Values& v) { return Eigen::Map<Eigen::Vector3d>(v.data()); }
 
 }  // namespace
@@ -249,7 +245,7 @@ void ContactWorld::initialise(Time start) {
     std::fill(robot->ddq.begin(), robot->ddq.end(), 0.0);
   }
   h_before_ = 0;
-  largest_swing_ = 0;
+  largest_swing_ = largest_gain_ = 0;
   unsolved_time_ = largest_unsolved_ = 0;
   write_outputs(start.seconds(), 0);
 }
@@ -452,6 +448,7 @@ void ContactWorld::write_outputs(double now, double h) {
   extended_ = status.extended;
   unsolved_ = status.unsolved;
   if (unsolved_ > 0) unsolved_time_ += h;
+  largest_gain_ = std::max(largest_gain_, world_->gain());
   if (unsolved_ > 0) largest_unsolved_ = std::max(largest_unsolved_, residual_);
   grown_ = static_cast<std::int32_t>(status.grown);
   impacts_ = status.impacts;
@@ -460,26 +457,6 @@ void ContactWorld::write_outputs(double now, double h) {
   joint_gap_ = world_->largest_gap();
   energy_ = world_->energy();
   world_->save(state_);
-}
-
-void ContactWorld::append_notes(std::vector<std::string>& notes) const {
-  notes.insert(notes.end(), beyond_limits_.begin(), beyond_limits_.end());
-  for (const auto& body : bodies_) body->foundation.append_notes(notes);
-  for (const LatchPort& latch : latches_) latch.append_notes(notes);
-  if (world_->forgotten_dents() > 0) {
-    notes.push_back(std::to_string(world_->forgotten_dents()) +
-                    " dents were forgotten, expected more than dents=" + std::to_string(options_.dents));
-  }
-  if (unsolved_time_ > kUnsolvedTime) {
-    notes.push_back("contacts were left unsolved for " + text::to_text(unsolved_time_, 3) +
-                    " s of the run, with a residual of up to " + text::to_text(largest_unsolved_, 2) +
-                    " m/s, expected at most the speed that gravity gives in two steps, at rest a twentieth of it or 1 mm/s: "
-                    "bodies may slide or "
-                    "fall where they should stand; more max_iterations or smaller steps help");
-  }
-  if (largest_swing_ <= kResolvedSwing) return;
-  notes.push_back("the step is " + text::to_text(std::round(10 * largest_swing_) / 10) +
-                  " times 1/ω of the stiffest soft contact, expected at most 1: its force is a mean that misses peaks");
 }
 
 void ContactWorld::restored() {

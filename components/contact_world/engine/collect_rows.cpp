@@ -14,6 +14,9 @@ constexpr double kCorrection = 0.2;
 constexpr double kSlop = 5e-6;              // m
 constexpr double kFastestCorrection = 0.1;  // m/s
 
+/// Steps from the middle of the last one, where the travel is known, to that of the first half of the next one, for which it is needed.
+constexpr double kAhead = 0.75;
+
 /// Friction above this share of its bound slides.
 constexpr double kOnCone = 1 - 1e-6;
 
@@ -99,7 +102,7 @@ void World::Impl::collect_contact(std::size_t t, Stage stage, double h) {
     if (touch.restitution > 0 && stage == Stage::kVelocity && normal_velocity(touch) < -kSlow * h * scene.gravity.norm())
       return;
   }
-  if (stage == Stage::kPosition && touch.travels_on) {  // the laws hold for the middle of the step
+  if (stage == Stage::kPosition && touch.travel.goes_on) {  // the laws hold for the middle of the step
     const Vector3d change = h / 2 * change_along(touch);
     if (touch.stiffness == kInfinity) row.target -= n.dot(change);
     for (int k = 0; k < 2; ++k) row.slide[k] = -row.d.col(k + 1).dot(change);
@@ -144,7 +147,8 @@ Vector3d World::Impl::change_along(const Contact& touch) const {
     }
     return change;
   };
-  return of(bodies[index(touch.point.body_b)], touch.travel_b) - of(bodies[index(touch.point.body_a)], touch.travel_a);
+  return of(bodies[index(touch.point.body_b)], touch.travel.b + kAhead * touch.travel.change_b) -
+         of(bodies[index(touch.point.body_a)], touch.travel.a + kAhead * touch.travel.change_a);
 }
 
 /// The row of a contact point without target and impulse.

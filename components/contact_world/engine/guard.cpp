@@ -330,6 +330,11 @@ std::string World::fault(double gap_limit, double energy_limit) const {
          text::to_text(limit, 4) + " J (energy_limit): " + advice;
 }
 
+double World::gain() const {
+  const Guard& guard = impl_->guard;
+  return guard.excess / (guard.available + guard.fall + impl_->small_energy);
+}
+
 double World::Impl::small_energy_of(const scene::Scene& scene) {
   double mass = 0;
   for (const scene::Body& body : scene.bodies) {

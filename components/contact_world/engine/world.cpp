@@ -30,7 +30,7 @@ std::vector<T> joints_of(std::span<const scene::Joint> from, std::span<const Rig
 }
 
 constexpr std::size_t kHeader = 3 + Guard::kNumbers, kNumbersPerBody = 16, kNumbersPerJoint = 5 + kJointRows,
-                      kNumbersPerNode = 18, kNumbersPerTouch = 20;
+                      kNumbersPerNode = 18, kNumbersPerTouch = 26;
 
 }  // namespace
 
@@ -301,9 +301,11 @@ void World::save(std::vector<double>& state) const {
     put(point.body_a, point.body_b, point.shape_a, point.shape_b, point.id >> 32U, point.id & 0xffffffffU);
     put_all(point.p_W);
     put_all(w.touches[t].impulse);
-    put_all(w.touches[t].travel_a);
-    put_all(w.touches[t].travel_b);
-    put(w.touches[t].has_travel, w.touches[t].travels_on);
+    put_all(w.touches[t].travel.a);
+    put_all(w.touches[t].travel.b);
+    put_all(w.touches[t].travel.change_a);
+    put_all(w.touches[t].travel.change_b);
+    put(w.touches[t].travel.known, w.touches[t].travel.goes_on);
   }
   std::fill(to, state.data() + state.size(), 0.0);
 }
@@ -438,10 +440,12 @@ void World::restore(std::span<const double> state) {
     point.id |= static_cast<std::uint64_t>(get());
     get_all(point.p_W);
     get_all(touch.impulse);
-    get_all(touch.travel_a);
-    get_all(touch.travel_b);
-    touch.has_travel = get() != 0;
-    touch.travels_on = get() != 0;
+    get_all(touch.travel.a);
+    get_all(touch.travel.b);
+    get_all(touch.travel.change_a);
+    get_all(touch.travel.change_b);
+    touch.travel.known = get() != 0;
+    touch.travel.goes_on = get() != 0;
   }
   w.points.clear();
   w.forces.clear();

@@ -125,6 +125,8 @@ class World {
   /// joints moves, gains where the normal of a soft contact deeper than 5 % of a body jumps, up to its energy and all that there was, and steps until
   /// joints that start apart or beyond their limits are corrected.
   std::string fault(double gap_limit, double energy_limit) const;
+  /// The energy that has been gained without work, relative to those, and to the speed and height that count as rounding.
+  double gain() const;
 
   /// Saves and restores the whole state: poses, twists, warm start. A restored world steps to the same bits. Only the first
   /// `Options::contacts` points have a warm start, with and without restoring.

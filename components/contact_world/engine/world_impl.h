@@ -53,6 +53,14 @@ struct Dent {
 };
 inline constexpr std::size_t kNumbersPerDent = 9, kNumbersPerYielding = 3;  // of the state
 
+/// How a contact point moves against the centres of mass of its bodies: it may move along the surface.
+struct Travel {
+  bool known = false;                                                 // the next two are
+  Vector3d a = Vector3d::Zero(), b = Vector3d::Zero();                // over the last step, m/s
+  Vector3d change_a = Vector3d::Zero(), change_b = Vector3d::Zero();  // since the step before, m/s
+  bool goes_on = false;  // it was alike in the step before, so that it will be in the next one
+};
+
 struct World::Impl {
   /// A contact point with its material parameters and impulses.
   struct Contact {
@@ -76,13 +84,9 @@ struct World::Impl {
     bool conserves = false;                    // soft: of SoftContact, in this step
     bool matched = false;                      // with a point of the other list
     bool jumped = true;                        // it is new in this step, or its normal has turned by more than kJump
-    bool has_travel = false;                   // the next two are known
-    Vector3d travel_a =
-        Vector3d::Zero();  // m/s; of the point against a's centre of mass over the last step: it may move along the surface
-    Vector3d travel_b = Vector3d::Zero();  // m/s; against b's
-    bool travels_on = false;               // it travelled likewise in the step before, so that it will in the next one
-    bool distant = false;                  // of a fast body that does not touch yet: without effect in this step
-    bool too_deep = false;                 // for separate()
+    Travel travel;
+    bool distant = false;   // of a fast body that does not touch yet: without effect in this step
+    bool too_deep = false;  // for separate()
     ImpactRole role = ImpactRole::kNone;
 
     /// Twice the energy of the contact's spring, J.

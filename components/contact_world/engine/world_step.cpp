@@ -127,7 +127,7 @@ void World::Impl::publish(double h) {
     forces.push_back((touches[t].impact + touches[t].sum) / h);
     if (t >= options.contacts) {  // not part of the state
       touches[t].impulse.setZero();
-      touches[t].has_travel = touches[t].travels_on = false;
+      touches[t].travel.known = touches[t].travel.goes_on = false;
     }
   }
 }
@@ -183,30 +183,31 @@ void World::Impl::update_points() {
   status.contacts = touches.size();
 }
 
-// Matches the points of two steps; both lists are sorted by pair. Points with equal features are the same; if features swap, as
-// for aligned faces, the nearest unmatched point is taken.
 /// Measures how the point travels, or keeps what is known if nothing has moved. A point whose features mean another place than before jumps.
 void World::Impl::follow(Contact& touch, const Contact& before, double drifted) const {
   constexpr double kSame = 0.25;  // of the travel, the largest change in a step
   const auto fast = [&](int body) { return advance.any() && advance.is_fast(index(body)); };
   if (drifted == 0) {
-    touch.has_travel = before.has_travel;
-    touch.travel_a = before.travel_a;
-    touch.travel_b = before.travel_b;
-    touch.travels_on = before.travels_on;
+    touch.travel = before.travel;
     return;
   }
   if (fast(touch.point.body_a) || fast(touch.point.body_b)) return;
   const Vector3d travel = (touch.point.p_W - before.point.p_W) / drifted;
-  touch.has_travel = true;
-  touch.travel_a = travel - bodies[index(touch.point.body_a)].v;
-  touch.travel_b = travel - bodies[index(touch.point.body_b)].v;
+  touch.travel.known = true;
+  touch.travel.a = travel - bodies[index(touch.point.body_a)].v;
+  touch.travel.b = travel - bodies[index(touch.point.body_b)].v;
   const auto alike = [&](const Vector3d& now, const Vector3d& then) {
     return (now - then).norm() <= kSame * now.norm() + rest;
   };
-  touch.travels_on = before.has_travel && alike(touch.travel_a, before.travel_a) && alike(touch.travel_b, before.travel_b);
+  touch.travel.goes_on =
+      before.travel.known && alike(touch.travel.a, before.travel.a) && alike(touch.travel.b, before.travel.b);
+  if (!touch.travel.goes_on) return;
+  touch.travel.change_a = touch.travel.a - before.travel.a;
+  touch.travel.change_b = touch.travel.b - before.travel.b;
 }
 
+// Matches the points of two steps; both lists are sorted by pair. Points with equal features are the same; if features swap, as
+// for aligned faces, the nearest unmatched point is taken.
 void World::Impl::match(double drifted) {
   const auto pair = [](const Contact& t) {
     return std::make_tuple(t.point.body_a, t.point.body_b, t.point.shape_a, t.point.shape_b);
