@@ -24,50 +24,64 @@ struct Border {
   double examined = 0;  // s, the longest step that was looked at
 };
 
-/// Loops whose steps take long are given up after some processor time: longer steps are not looked at, and the border is known to 5 %.
+/// Looks for clear growth in few steps first, then around it in many. Loops whose steps take long are given up after some processor time: longer
+/// steps are not looked at, and the border is known to 5 %.
 Border stability_border(ExplicitSteps& steps, Time now, Duration tick) {
   constexpr double kPatience = 5;  // s of processor time
   constexpr double kHurriedPrecision = 1.05;
   constexpr int kDoublings = 10, kPerDoubling = 4;
   constexpr double kPrecision = 1.01;
   constexpr double kBudget = 131072;              // ticks in all steps of a measurement
-  constexpr double kFewest = 512, kMost = 16384;  // steps of one
-  constexpr double kLongestStep = 1e15;           // ns: all steps of a measurement fit into a Time
+  constexpr double kLeast = 2048, kMost = 16384;  // steps of one
+  constexpr int kFew = 512;
+  constexpr double kLongestStep = 1e15;  // ns: all steps of a measurement fit into a Time
   const std::clock_t begun = std::clock();
   const auto late = [&] { return static_cast<double>(std::clock() - begun) > kPatience * CLOCKS_PER_SEC; };
+  const auto seconds = [](std::int64_t ns) { return static_cast<double>(ns) / 1e9; };
   bool made = true;
-  const auto grows_in = [&](std::int64_t ns) {
-    const double ticks = static_cast<double>(ns) / static_cast<double>(tick.ns);
-    const StepGrowth growth =
-        measure_growth(steps, now, Duration{ns}, static_cast<int>(std::clamp(kBudget / ticks, kFewest, kMost)));
+  const auto grows = [&](std::int64_t ns, int most) {
+    const StepGrowth growth = measure_growth(steps, now, Duration{ns}, most);
     made = growth.grows || !std::isnan(growth.factor);
     return growth.grows;
   };
+  const auto grows_in = [&](std::int64_t ns) {
+    return grows(ns,
+                 static_cast<int>(std::clamp(kBudget * static_cast<double>(tick.ns) / static_cast<double>(ns), kLeast, kMost)));
+  };
+  const auto longer = [&](int i) {
+    return std::llround(static_cast<double>(tick.ns) * std::exp2(static_cast<double>(i) / kPerDoubling));
+  };
   std::int64_t stable = tick.ns, unstable = tick.ns;
-  bool found = grows_in(tick.ns);
-  if (found) {
-    for (int i = 0; found; ++i) {
-      if (i == kDoublings || stable == 1) return {0, static_cast<double>(tick.ns) / 1e9};
+  if (grows_in(tick.ns)) {
+    for (int i = 0;; ++i) {
+      if (i == kDoublings || stable == 1) return {0, seconds(tick.ns)};
       unstable = std::exchange(stable, stable / 2);
-      found = grows_in(stable);
+      if (!grows_in(stable)) break;
     }
   } else {
-    // In small steps, so that no band of unstable steps is left out.
-    for (int i = 1; i <= kPerDoubling * kDoublings && !found && !late(); ++i) {
-      const double next = static_cast<double>(tick.ns) * std::exp2(static_cast<double>(i) / kPerDoubling);
-      if (next > kLongestStep) break;
-      stable = std::exchange(unstable, std::llround(next));
-      found = grows_in(unstable);
-      if (!made) break;  // a unit discards longer steps
-    }
-    if (!found) return {std::numeric_limits<double>::infinity(), static_cast<double>(made ? unstable : stable) / 1e9};
+    const auto first = [&](const auto& grow) {  // in small steps, so that no band of unstable steps is left out
+      for (int i = 1; i <= kPerDoubling * kDoublings && made && !late() && static_cast<double>(longer(i)) <= kLongestStep;
+           ++i) {
+        if (grow(longer(i))) return i;
+        if (made) stable = longer(i);
+      }
+      return 0;
+    };
+    int found = first([&](std::int64_t ns) { return grows(ns, kFew) && grows_in(ns); });
+    const bool ended = !made || late();
+    made = true;
+    if (found == 0 && !ended) found = first(grows_in);
+    if (found == 0) return {std::numeric_limits<double>::infinity(), seconds(stable)};
+    while (found > 1 && grows_in(longer(found - 1))) --found;
+    stable = longer(found - 1);
+    unstable = longer(found);
   }
   const auto precision = [&] { return late() ? kHurriedPrecision : kPrecision; };
   while (static_cast<double>(unstable) > precision() * static_cast<double>(stable) && unstable - stable > 1) {
     const std::int64_t middle = stable + (unstable - stable) / 2;
     (grows_in(middle) ? unstable : stable) = middle;
   }
-  return {static_cast<double>(unstable) / 1e9, static_cast<double>(unstable) / 1e9};
+  return {seconds(unstable), seconds(unstable)};
 }
 
 }  // namespace
