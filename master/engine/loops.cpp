@@ -38,11 +38,14 @@ Border stability_border(ExplicitSteps& steps, Time now, Duration tick) {
   const std::clock_t begun = std::clock();
   const auto late = [&] { return static_cast<double>(std::clock() - begun) > kPatience * CLOCKS_PER_SEC; };
   const auto seconds = [](std::int64_t ns) { return static_cast<double>(ns) / 1e9; };
-  bool made = true;
+  std::int64_t stable = tick.ns, unstable = tick.ns;
+  bool made = true;  // units may discard longer steps
   const auto grows = [&](std::int64_t ns, int most) {
     const StepGrowth growth = measure_growth(steps, now, Duration{ns}, most);
-    made = growth.grows || !std::isnan(growth.factor);
-    return growth.grows;
+    made = growth.grows || growth.steps > 0;
+    if (growth.grows || !growth.ended || growth.steps == 0 || stable >= ns) return growth.grows;
+    // It came to an end, as diverging steps do, but perhaps not because of them.
+    return can_step(steps, now, Duration{stable}, static_cast<int>(2 * growth.steps * (ns / stable + 1)));
   };
   const auto grows_in = [&](std::int64_t ns) {
     return grows(ns,
@@ -51,7 +54,6 @@ Border stability_border(ExplicitSteps& steps, Time now, Duration tick) {
   const auto longer = [&](int i) {
     return std::llround(static_cast<double>(tick.ns) * std::exp2(static_cast<double>(i) / kPerDoubling));
   };
-  std::int64_t stable = tick.ns, unstable = tick.ns;
   if (grows_in(tick.ns)) {
     for (int i = 0;; ++i) {
       if (i == kDoublings || stable == 1) return {0, seconds(tick.ns)};

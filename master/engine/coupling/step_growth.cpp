@@ -44,6 +44,7 @@ class Pair {
     system_.restore(first_ ? system_.begin : system_.plain);
     for (int i = 0; i < count; ++i) {
       if (!step(system_, now_ + i * h_, h_)) return std::numeric_limits<double>::quiet_NaN();
+      ++steps;
       for (const double* value : values) expected.push_back(*value);
     }
     system_.save(system_.plain);
@@ -65,6 +66,8 @@ class Pair {
     now_ = now_ + count * h_;
     return largest;
   }
+
+  int steps = 0;  // of the run without deviation
 
  private:
   CoupledSteps& system_;
@@ -110,9 +113,13 @@ StepGrowth compare(Pair& pair, int most) {
   double first = 0, largest = 0, before = 0, log_before = 0;
   for (int made = 0, count = kFirstSteps; made < most; made += count, count = made) {
     const double deviation = pair.advance(std::min(count, most));
-    if (std::isnan(deviation)) return result;  // what is known so far
-    if (std::isinf(deviation)) return {true, deviation};
-    if (deviation <= kVanished * largest || deviation == 0) return {false, made == 0 ? 0 : std::pow(kVanished, 1.0 / count)};
+    if (std::isnan(deviation)) {  // what is known so far
+      result.ended = true;
+      return result;
+    }
+    if (std::isinf(deviation)) return {true, deviation, 0, false};
+    if (deviation <= kVanished * largest || deviation == 0)
+      return {false, made == 0 ? 0 : std::pow(kVanished, 1.0 / count), 0, false};
     largest = std::max(largest, deviation);
     if (made == 0) {
       first = before = deviation;
@@ -122,10 +129,10 @@ StepGrowth compare(Pair& pair, int most) {
     const double log_growth = std::log(deviation / before);
     result.factor = std::exp(log_growth / count);
     const bool steepens = log_before > 0 ? log_growth > kExponential * log_before : made > kFirstSteps;
-    if (log_growth > kPolynomial && (steepens || deviation > kClear * first)) return {true, result.factor};
+    if (log_growth > kPolynomial && (steepens || deviation > kClear * first)) return {true, result.factor, 0, false};
     const bool last = made + count >= most;
     if (last && made + count >= kMany && log_before > 0.5 * kSlow && log_growth > kSlow && steepens)
-      return {true, result.factor};
+      return {true, result.factor, 0, false};
     before = deviation;
     log_before = log_growth;
   }
@@ -134,9 +141,18 @@ StepGrowth compare(Pair& pair, int most) {
 
 }  // namespace
 
+bool can_step(CoupledSteps& system, Time now, Duration h, int count) {
+  system.save(system.begin);
+  int made = 0;
+  while (made < count && step(system, now + made * h, h)) ++made;
+  system.restore(system.begin);
+  return made == count;
+}
+
 StepGrowth measure_growth(CoupledSteps& system, Time now, Duration h, int most) {
   Pair pair(system, now, h);
-  const StepGrowth growth = compare(pair, most);
+  StepGrowth growth = compare(pair, most);
+  growth.steps = pair.steps;
   pair.end();
   return growth;
 }

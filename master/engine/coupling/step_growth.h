@@ -53,11 +53,16 @@ struct StepGrowth {
   /// Per step, in the second half of the steps: of linear units the spectral radius of a step, if there were enough steps. 0: the deviation has
   /// vanished; infinity: a step with the deviation cannot be made; NaN: no step can be made.
   double factor = std::numeric_limits<double>::quiet_NaN();
+  int steps = 0;       // that were made without the deviation
+  bool ended = false;  // and no more could be made
 };
 
 /// Makes up to `most` steps twice, without and with a deviation, and compares; fewer where the result is clear. `grows` is said of exponential
 /// growth: the power of time that a chain of integrators lets grow is none. Growth by a factor below about 1 + 6/`most` a step is not seen. Leaves the
 /// units as they are.
 StepGrowth measure_growth(CoupledSteps& system, Time now, Duration h, int most);
+
+/// Whether this many steps can be made. Leaves the units as they are.
+bool can_step(CoupledSteps& system, Time now, Duration h, int count);
 
 }  // namespace cotwin::master

@@ -26,6 +26,7 @@ struct Loop {
     LinearSystem system;
     bool held = false;
     int stage = 0;
+    double most = 0;  // outputs beyond end the run; 0: none
   };
   struct Wire {
     std::size_t from, output, to, input;
@@ -41,16 +42,43 @@ struct Loop {
   }
 };
 
+/// A linear unit with outputs of bounded size.
+class Bounded final : public Unit {
+ public:
+  explicit Bounded(const Loop::Part& part) : unit_(part.system, {part.held, false}), most_(part.most) {}
+  void declare(Variables& v) override {
+    unit_.declare(v);
+    for (const Variable& variable : v) {
+      if (variable.role == Role::kOutput) outputs_.push_back(variable.reals());
+    }
+  }
+  void initialise(Time start) override { unit_.initialise(start); }
+  StepResult step(Time now, Duration h) override {
+    const StepResult result = unit_.step(now, h);
+    for (const std::span<const double> output : outputs_) {
+      for (const double y : output) {
+        if (most_ > 0 && !(std::abs(y) <= most_)) throw Error("part", "is beyond its bound");
+      }
+    }
+    return result;
+  }
+
+ private:
+  LinearUnit unit_;
+  double most_;
+  std::vector<std::span<const double>> outputs_;
+};
+
 Loop loop_of_the_test;  // a UnitType has no place for it
 
 std::span<const UnitType> types() {
-  static const std::vector<UnitType> kTypes = {
-      {"part", "a part of loop_of_the_test",
-       [](Settings& s) -> std::unique_ptr<Unit> {
-         const Loop::Part& part = loop_of_the_test.parts.at(static_cast<std::size_t>(s.integer("i")));
-         return std::make_unique<LinearUnit>(part.system, ::cotwin::testing::LinearOptions{part.held, false});
-       },
-       [](SettingList& s) { s.integer("i", 0, 0, 100, "number of the part"); }}};
+  static const std::vector<UnitType> kTypes = {{"part", "a part of loop_of_the_test",
+                                                [](Settings& s) -> std::unique_ptr<Unit> {
+                                                  const Loop::Part& part =
+                                                      loop_of_the_test.parts.at(static_cast<std::size_t>(s.integer("i")));
+                                                  return std::make_unique<Bounded>(part);
+                                                },
+                                                [](SettingList& s) { s.integer("i", 0, 0, 100, "number of the part"); }}};
   return kTypes;
 }
 
@@ -292,6 +320,21 @@ TEST(StabilityBorder, IsWithin5PercentForRandomLoops) {
   }
   EXPECT_GE(figures, 0.95 * all);
   EXPECT_GE(right, 0.95 * all);
+}
+
+// Robots fall, and units have limits: then the run ends where it diverges, and tells no growth.
+TEST(StabilityBorder, IsThatOfALoopThatCannotGoOnBeyondIt) {
+  Random random(5);
+  int right = 0;
+  constexpr int kLoops = 40;
+  for (int i = 0; i < kLoops; ++i) {
+    Loop loop = random.loop(false);
+    const double border = measured_border(loop, 1e-3);
+    for (Loop::Part& part : loop.parts) part.most = 1e4;
+    const double bounded = measured_border(loop, 1e-3);
+    right += std::isfinite(border) ? std::abs(bounded - border) <= 0.05 * border : bounded == border;
+  }
+  EXPECT_GE(right, 0.95 * kLoops);
 }
 
 struct Grown {
