@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <ostream>
+#include <set>
 
 #include "master/clock/clock.h"
 #include "master/engine/coupling/bonds.h"
@@ -136,6 +137,22 @@ class Checker {
     attempt([&] {
       for (const std::string& omission : find_omissions(scenario, members_, links)) warn(omission);
     });
+    if (scenario.coupling != CouplingChoice::kImplicit) check_torques(links);
+  }
+
+  /// The stiffness that a controller tells as safe, K_e_max, is that of torques that act in the tick in which they are computed.
+  void check_torques(const std::vector<ResolvedConnection>& links) {
+    std::set<std::pair<std::size_t, std::size_t>> told;
+    for (const ResolvedConnection& link : links) {
+      const Member &from = members_[link.from.member], &to = members_[link.to.member];
+      const auto tells = [](const Variable& v) { return v.name.ends_with("K_e_max"); };
+      if (!link.from.variable->name.ends_with("tau_m") || std::ranges::none_of(from.variables(), tells)) continue;
+      if (to.spec.stage > from.spec.stage || !told.emplace(link.from.member, link.to.member).second) continue;
+      warn("'" + to.name() + "' is in stage " + std::to_string(to.spec.stage) + " and '" + from.name() + "' in stage " +
+           std::to_string(from.spec.stage) + ": the torque " + link.from.name +
+           " arrives a tick late, so that the robot may vibrate at walls softer than K_e_max; expected a later stage of '" +
+           to.name() + "'");
+    }
   }
 
   /// Runs `examine` on a scenario that has only this list. If that throws, runs it on scenarios with one item of the list each,

@@ -266,6 +266,21 @@ TEST_F(Program, SetsASettingOfOneUnit) {
   EXPECT_EQ(output.code, 0) << output.err;
 }
 
+TEST_F(Program, NamesTheStageOfADriveThatGetsItsTorqueLate) {
+  std::string ssd = content(fs::path(cotwin::places::source()) / "examples/07_cartesian_compliance/twin.ssd");
+  const std::string event = R"(time="1" variable="compliance.f_e")";
+  ASSERT_NE(ssd.find(event), std::string::npos);
+  ssd.replace(ssd.find(event), event.size(), R"(time="1" variable="nothing")");  // an error, so that the loop is not measured
+  std::ofstream(folder_ / "apart.ssd") << ssd;
+  EXPECT_THAT(run({"check", "apart.ssd"}).out, Not(HasSubstr("late")));
+  const std::string stage = R"(name="drive" stage="1")";
+  ASSERT_NE(ssd.find(stage), std::string::npos);
+  ssd.replace(ssd.find(stage), stage.size(), R"(name="drive" stage="0")");
+  std::ofstream(folder_ / "together.ssd") << ssd;
+  EXPECT_THAT(run({"check", "together.ssd"}).out,
+              HasSubstr("'drive' is in stage 0 and 'compliance' in stage 0: the torque compliance.tau_m arrives a tick late"));
+}
+
 TEST_F(Program, WarnsBeforeARunOfOmissionsInTheScenario) {
   const std::string file = scenario();  // no waypoints
   const std::string expected = "motion.waypoint_q (joint positions";
