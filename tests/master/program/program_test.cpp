@@ -270,7 +270,8 @@ TEST_F(Program, NamesTheStageOfADriveThatGetsItsTorqueLate) {
   std::string ssd = content(fs::path(cotwin::places::source()) / "examples/07_cartesian_compliance/twin.ssd");
   const std::string event = R"(time="1" variable="compliance.f_e")";
   ASSERT_NE(ssd.find(event), std::string::npos);
-  ssd.replace(ssd.find(event), event.size(), R"(time="1" variable="nothing")");  // an error, so that the loop is not measured
+  ssd.replace(ssd.find(event), event.size(),
+              R"(time="1" variable="compliance.nothing")");  // an error, so that the loop is not measured
   std::ofstream(folder_ / "apart.ssd") << ssd;
   EXPECT_THAT(run({"check", "apart.ssd"}).out, Not(HasSubstr("late")));
   const std::string stage = R"(name="drive" stage="1")";
