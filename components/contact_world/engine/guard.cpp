@@ -321,6 +321,12 @@ std::string World::fault(double gap_limit, double energy_limit) const {
   } else if (!w.joints.empty()) {
     const std::size_t j = w.widest_joint();
     where = name(j) + " has the largest gap, " + text::to_text(w.joints[j].gap(), 4) + " m";
+    for (const Forest::Tree& tree : w.forest.trees()) {
+      if (tree.loops.empty() || !tree.loops.nearly_singular()) continue;
+      where = "the loop that " + name(index(tree.loops.rows()[0].joint)) +
+              " closes is in a nearly singular position, as are links in line";
+      advice = "start it away from there, give the links slack, or let a joint yield: shorter steps do not help";
+    }
   } else {
     const auto slower = [](const RigidBody& a, const RigidBody& b) { return a.kinetic_energy() < b.kinetic_energy(); };
     const auto fastest = std::max_element(w.bodies.begin(), w.bodies.end(), slower) - w.bodies.begin();

@@ -347,5 +347,25 @@ TEST(Guard, EndsRunsWhoseEnergyGrowsBesideTheirSprings) {
   }
 }
 
+// Links in line between two pins hold no load across, and bend either way.
+TEST(Guard, TellsThatAChainIsStretchedBetweenItsPins) {
+  scene::Scene scene;
+  const Vector3d link(0.2, 0, 0);
+  constexpr int kLinks = 5;
+  for (int i = 0; i < kLinks; ++i) {
+    add_bar(scene, i * link, link, 0.1);
+    add_hinge(scene, i - 1, i, i * link);
+  }
+  add_hinge(scene, -1, kLinks - 1, kLinks * link);
+  World world(scene, {});
+  std::string fault;
+  for (int k = 0; k < 3000 && fault.empty(); ++k) {
+    world.step(1e-3);
+    fault = world.fault(kGapLimit, kEnergyLimit);
+  }
+  EXPECT_THAT(fault, HasSubstr("the loop that joint 'hinge5' closes is in a nearly singular position, as are links in line"));
+  EXPECT_THAT(fault, ::testing::Not(HasSubstr("use shorter steps")));
+}
+
 }  // namespace
 }  // namespace cotwin::contact_world::guard_test

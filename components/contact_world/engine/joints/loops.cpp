@@ -155,6 +155,13 @@ void Loops::decompose(std::uint32_t locks) {
   since_ = Since::kSamePlace;
 }
 
+bool Loops::nearly_singular() const {
+  constexpr double kNever = 1e-7, kWell = 0.05;  // of the largest singular value
+  const double* sigma = memory_.data() + 3 * rows_.size();
+  const double largest = rank_ == 0 ? 0 : *std::max_element(sigma, sigma + rank_);
+  return std::any_of(sigma, sigma + rank_, [&](double s) { return s > kNever * largest && s < kWell * largest; });
+}
+
 void Loops::project(double* y) const {
   for (std::size_t k = 0; k < kept_; ++k) {
     const double* v = &V_[k * freedoms_];

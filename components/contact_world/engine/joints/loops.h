@@ -72,6 +72,9 @@ class Loops {
   void solve();
   std::span<double> present() { return present_; }
 
+  /// Whether a direction is about to be constrained no more, or has just begun to be: links in line, for example.
+  bool nearly_singular() const;
+
   /// Wants no speed along any row.
   void clear_speeds();
   /// Sets the speeds to their extrapolation from the last three steps plus the correction of the present errors in a step h.
