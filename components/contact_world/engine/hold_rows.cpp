@@ -10,6 +10,7 @@
 #include "components/contact_world/engine/solvers/numbers.h"
 
 namespace cotwin::contact_world {
+
 /// Whether all points were at rest before the forces of the stage acted, as far as a solver keeps them there, and none slid.
 bool Rows::stands(const Island& island, double enough, double rest) const {
   if (rest == 0 || island.first_cone == island.end_cone || rows_of(island) > kRowsOfMoving) return false;
@@ -37,7 +38,7 @@ double Rows::slip(const Island& island, double still) const {
     const double load = cones_[cores_[i].row].x[0];
     const Vector3d w = velocity_of(cores_[i], load);
     if (load <= 0 && w[0] > still) continue;
-    largest = std::max({largest, std::abs(w[0]), std::hypot(w[1], w[2])});
+    largest = std::max({largest, std::abs(w[0]), cores_[i].mu > 0 ? std::hypot(w[1], w[2]) : 0});
   }
   return largest;
 }
@@ -76,10 +77,15 @@ void Rows::hold_if_slips(const Island& island, double still, double enough, doub
     const Core& core = cores_[i];
     if (apart(core)) continue;
     CentralImpulses::Block block;
-    block.mu = core.mu;
     block.softness = core.softness;
     block.x = Eigen::Map<const Vector3d>(cones_[core.row].x);
     block.w = velocity_of(core, block.x[0]);
+    block.mu = core.mu;
+    if (core.mu == 0) {
+      block.count = 1;
+      block.x.tail<2>().setZero();
+      block.w.tail<2>().setZero();
+    }
     parts(core.side, block);
     holding_.add(block);
   }

@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include "tests/components/contact_world/methods.h"
+#include "tests/support/allocations.h"
 
 namespace cotwin::contact_world::grip_test {
 namespace {
@@ -153,6 +154,18 @@ TEST_P(GripTest, HoldsWhatFrictionHoldsAndDropsMore) {
     const std::string what = "grip " + std::to_string(&grip - kGrips);
     EXPECT_LT(way(grip, 0.98, 2), 1e-5) << what;
     EXPECT_GT(way(grip, 1.02, 2), 0.1) << what;
+  }
+}
+
+TEST_P(GripTest, AllocatesNothingWhileItSharesTheLoad) {
+  for (const Grip& grip : kGrips) {
+    World w = world(gripper(grip, 0.98 * grip.fingers * grip.mu * kForce / kGravity));
+    const std::uint64_t before = cotwin::testing::allocations();
+    for (int k = 0; k < 50; ++k) {
+      for (std::size_t j = 0; j < w.scene().joints.size(); ++j) w.set_tau(j, kForce);
+      w.step(1e-3);
+    }
+    EXPECT_EQ(cotwin::testing::allocations(), before) << "grip " << &grip - kGrips;
   }
 }
 

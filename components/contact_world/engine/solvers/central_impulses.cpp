@@ -61,7 +61,7 @@ void CentralImpulses::reserve(std::size_t blocks, std::size_t coordinates) {
 bool CentralImpulses::inside(const Block& block, double share) {
   const Vector3d x = block.x + share * block.step;
   if (block.count == 1) return x[0] > block.lo && x[0] < block.hi;
-  return x[0] > 0 && (block.mu == 0 || std::hypot(x[1], x[2]) < block.mu * x[0]);
+  return std::hypot(x[1], x[2]) < block.mu * x[0];
 }
 
 /// Sets a step to a point inside the bounds.
@@ -76,18 +76,18 @@ void CentralImpulses::place_inside(Block& block, double load) {
   block.step = {n - block.x[0], (share - 1) * block.x[1], (share - 1) * block.x[2]};
 }
 
-/// Gradient of τ B, and the inverse of D = τ B″ + softness. Without friction, the latter is zero along the tangents.
+/// Gradient of τ B, and the inverse of D = τ B″ + softness.
 void CentralImpulses::differentiate(Block& block, double tau) {
   block.gradient.setZero();
   block.inverse.setZero();
-  if (block.count == 1 || block.mu == 0) {
+  if (block.count == 1) {
     double stiffness = block.softness;
     const auto add = [&](double inwards) {
       block.gradient[0] -= tau * inwards;
       stiffness += tau * inwards * inwards;
     };
-    if (block.count == 3 || block.lo > -kInfinity) add(1 / (block.x[0] - (block.count == 3 ? 0 : block.lo)));
-    if (block.count == 1 && block.hi < kInfinity) add(-1 / (block.hi - block.x[0]));
+    if (block.lo > -kInfinity) add(1 / (block.x[0] - block.lo));
+    if (block.hi < kInfinity) add(-1 / (block.hi - block.x[0]));
     block.inverse(0, 0) = 1 / (stiffness > 0 ? stiffness : kRigid * mobility(block));
     return;
   }
@@ -161,7 +161,7 @@ double CentralImpulses::drop_contradictions() {
     block.inverse.setZero();
     for (int k = 0; k < block.count; ++k) block.inverse(k, k) = k == 0 && block.softness > 0 ? 0 : kWeight / scale;
   }
-  if (!factor()) return kInfinity;
+  if (!(scale > 0) || !factor()) return kInfinity;
   find_steps(true);
   for (Block& block : blocks_) {
     const Vector3d rest = -block.step * scale / kWeight;
@@ -188,6 +188,7 @@ bool CentralImpulses::solve(int coordinates, double enough) {
     place_inside(block, load);
     if (block.count == 3) tau += kFirst / contacts * mobility(block) * load * load;
   }
+  if (!(tau > 0)) return false;
   move(1);
   const auto all_inside = [&](double share) {
     return std::all_of(blocks_.begin(), blocks_.end(), [&](const Block& block) { return inside(block, share); });

@@ -1,6 +1,7 @@
 #pragma once
 #include <Eigen/Core>
 #include <cstddef>
+#include <limits>
 #include <span>
 #include <vector>
 
@@ -16,15 +17,15 @@ namespace cotwin::contact_world {
 /// for a row. It solves for v = Yᵀ Δx, the change of the bodies' coordinates, which are fewer than the rows.
 class CentralImpulses {
  public:
-  /// A row, or a contact with rows n, t1, t2. Its coefficients are those of two slices of coordinates.
+  /// A row, or a contact with friction and the rows n, t1, t2. Its coefficients are those of two slices of coordinates.
   struct Block {
     struct Part {
       const double* y = nullptr;  // count x size, row-major
       int first = 0, size = 0;    // of the coordinates
     } part[2];
     int count = 3;
-    double mu = 0, softness = 0;  // of the first row
-    double lo = 0, hi = 0;        // of a single row
+    double mu = 0, softness = 0;                                  // of the first row
+    double lo = 0, hi = std::numeric_limits<double>::infinity();  // of a single row
     Eigen::Vector3d x = Eigen::Vector3d::Zero(), w = Eigen::Vector3d::Zero();
     // Of the Newton step
     Eigen::Matrix3d inverse;
