@@ -146,7 +146,8 @@ class Checker {
     for (const ResolvedConnection& link : links) {
       const Member &from = members_[link.from.member], &to = members_[link.to.member];
       const auto tells = [](const Variable& v) { return v.name.ends_with("K_e_max"); };
-      if (!link.from.variable->name.ends_with("tau_m") || std::ranges::none_of(from.variables(), tells)) continue;
+      if (!link.from.variable->name.ends_with("tau_m") || !link.to.variable->essential) continue;  // a meter may read it late
+      if (std::ranges::none_of(from.variables(), tells)) continue;
       if (to.spec.stage > from.spec.stage || !told.emplace(link.from.member, link.to.member).second) continue;
       warn("'" + to.name() + "' is in stage " + std::to_string(to.spec.stage) + " and '" + from.name() + "' in stage " +
            std::to_string(from.spec.stage) + ": the torque " + link.from.name +

@@ -420,6 +420,11 @@ Rows::Outcome Rows::sweep_or_pivot(const Island& island, int iterations, double 
 Rows::Outcome Rows::sweep(const Island& island, int iterations, double tolerance, double rest, Residual allowed) {
   Outcome outcome = sweep_or_pivot(island, iterations, tolerance, rest, allowed);
   const double enough = effort(island, iterations, tolerance, true, rest).tolerance_at_rest;
+  const auto sticks = [](const Core& core) { return core.hold == Hold::kSticks; };
+  if (outcome.extended == 0 && outcome.residual <= enough &&
+      std::all_of(cores_.begin() + static_cast<std::ptrdiff_t>(island.first_cone),
+                  cores_.begin() + static_cast<std::ptrdiff_t>(island.end_cone), sticks))
+    return outcome;
   hold_if_slips(island, enough, enough, rest, outcome);
   return outcome;
 }
