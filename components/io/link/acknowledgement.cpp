@@ -45,8 +45,13 @@ double largest_speed(const trajectory::Axis& axis) {
   return axis.dq_max > 0 ? 2 * axis.dq_max : std::numeric_limits<double>::infinity();
 }
 
-JumpDetector::JumpDetector(std::span<const trajectory::Axis> axes) : q_(axes.size()), dq_(axes.size()) {
-  std::ranges::transform(axes, std::back_inserter(fastest_), largest_speed);
+JumpDetector::JumpDetector(std::span<const trajectory::Axis> axes)
+    : largest_jump_(axes.size(), kLargestJump), believed_(axes.size()), recent_(axes.size()) {
+  for (const trajectory::Axis& axis : axes) {
+    fastest_.push_back(largest_speed(axis));
+    q_least_.push_back(axis.q_min - kMargin);
+    q_most_.push_back(axis.q_max + kMargin);
+  }
 }
 
 void JumpDetector::declare(Variables& v, const std::string& what) {
@@ -66,32 +71,70 @@ void JumpDetector::append_notes(std::vector<std::string>& sentences, const std::
                       "twice the limit of speed that the URDF gives the joint)");
 }
 
-void JumpDetector::forget() { positions_ = in_a_row_ = 0; }
+void JumpDetector::set_resolution(std::size_t i, double resolution) {
+  largest_jump_[i] = std::max(kLargestJump, kLargestCounts * std::abs(resolution));
+}
 
-bool JumpDetector::is_plausible(std::span<const double> q, double elapsed) const {
+void JumpDetector::forget() {
+  believed_.positions = recent_.positions = in_a_row_ = 0;
+  since_ = 0;
+  lost_ = false;
+}
+
+void JumpDetector::Track::append(std::span<const double> q_next, double elapsed) {
+  for (std::size_t i = 0; i < q.size(); ++i) {
+    if (positions > 0) dq[i] = (q_next[i] - q[i]) / elapsed;
+    q[i] = q_next[i];
+  }
+  duration = positions > 0 ? duration + elapsed : 0;
+  interval = elapsed;
+  positions = std::min(positions + 1, 1000);
+}
+
+bool JumpDetector::explains(const Track& track, std::span<const double> q, double elapsed) const {
+  if (track.positions == 0 || !(elapsed > 0)) return false;
   // The mean speeds of two intervals differ by the acceleration between their middles.
-  const double tolerance = kLargestJump + kLargestAcceleration * elapsed * (elapsed + interval_) / 2;
-  for (std::size_t i = 0; i < q_.size(); ++i) {
-    const double way = q[i] - q_[i];
-    if (positions_ >= 1 && !(std::abs(way) <= kLargestJump + fastest_[i] * elapsed)) return false;
-    if (positions_ >= 2 && !(std::abs(way - dq_[i] * elapsed) <= tolerance)) return false;
+  const double turn = kLargestAcceleration * elapsed * (elapsed + track.interval) / 2;
+  for (std::size_t i = 0; i < q.size(); ++i) {
+    const double way = q[i] - track.q[i];
+    if (!(std::abs(way) <= largest_jump_[i] + fastest_[i] * elapsed)) return false;
+    if (track.positions >= 2 && !(std::abs(way - track.dq[i] * elapsed) <= largest_jump_[i] + turn)) return false;
   }
   return true;
 }
 
-JumpDetector::Verdict JumpDetector::add(std::span<const double> q, double elapsed, bool credible) {
-  if (elapsed <= 0 && credible) forget();
-  const bool plausible = credible && is_plausible(q, elapsed);
-  if (!plausible && implausible_ < std::numeric_limits<std::int32_t>::max()) ++implausible_;
-  if (!plausible && ++in_a_row_ <= kMostHeld) return Verdict::kHeld;
-  in_a_row_ = 0;
-  for (std::size_t i = 0; i < q_.size(); ++i) {
-    if (positions_ >= 1) dq_[i] = (q[i] - q_[i]) / elapsed;
-    q_[i] = q[i];
+/// Whether the last positions, up to q, follow from one another for long enough.
+bool JumpDetector::is_confirmed(std::span<const double> q) const {
+  const bool limited = std::ranges::all_of(fastest_, [](double dq) { return std::isfinite(dq); });
+  bool inside = true;
+  for (std::size_t i = 0; i < q.size(); ++i) inside = inside && q[i] >= q_least_[i] && q[i] <= q_most_[i];
+  if (!inside && recent_.duration < kOutsideTime) return false;
+  if (believed_.positions == 0) return recent_.positions >= (limited ? 2 : 3);
+  return in_a_row_ > kMostHeld && recent_.positions > kMostHeld;
+}
+
+JumpDetector::Verdict JumpDetector::add(std::span<const double> q, double elapsed, bool in_time, bool possible) {
+  constexpr double kLongest = 0.1;  // s; what was believed before that explains nearly everything
+  since_ += elapsed;
+  if (in_a_row_ > kMostHeld && since_ > kLongest && believed_.positions > 0) {
+    believed_.positions = 0;
+    lost_ = true;
   }
-  interval_ = elapsed;
-  positions_ = plausible ? std::min(positions_ + 1, 2) : 1;
-  return plausible ? Verdict::kPlausible : Verdict::kJump;
+  const bool begins = believed_.positions == 0, first = recent_.positions == 0;
+  const bool plausible = in_time && possible && explains(believed_, q, since_), follows = explains(recent_, q, elapsed);
+  if (!follows) recent_.positions = 0;
+  recent_.append(q, elapsed);
+  if (plausible) {
+    believed_.append(q, since_);
+  } else {
+    ++in_a_row_;
+    if ((!begins || !(first || follows)) && implausible_ < std::numeric_limits<std::int32_t>::max()) ++implausible_;
+    if (!possible || !is_confirmed(q)) return Verdict::kHeld;
+    believed_ = recent_;
+  }
+  since_ = in_a_row_ = 0;
+  const bool begun = begins && !std::exchange(lost_, false);
+  return plausible ? Verdict::kPlausible : begun ? Verdict::kFirst : Verdict::kJump;
 }
 
 }  // namespace cotwin::io

@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <numbers>
+#include <tuple>
 #include <utility>
 
 #include "models/foundation/support/text.h"
@@ -27,8 +29,8 @@ constexpr const char* kNotHomed = "did not find its home";
 constexpr const char* kFaulty = "has a fault";
 constexpr const char* kNotEnabled = "was not enabled within enable_timeout (safe torque off, no mains voltage?)";
 constexpr const char* kBehind = "was further from its target than following_error_max";
-constexpr const char* kLeft = "was moved out of q_command_min to q_command_max by its torque";
-constexpr const char* kJumped = "gave a position that no motion explains";
+constexpr const char* kOutside = "stands outside of q_command_min to q_command_max";
+constexpr const char* kJumped = "gave positions or speeds that no motion explains";
 
 std::int32_t signed_value(std::uint32_t value, std::size_t bits) {
   if (bits >= 32) return static_cast<std::int32_t>(value);
@@ -57,14 +59,17 @@ bool EtherCatDrives::has_stopped() {
     stopped_drive_ = &d;
     return true;
   };
-  if (std::exchange(jumped_, false)) return stops(drives_.front(), kJumped);
+  if (blind_ && held_ && were_enabled_) return stops(doubted_drive(), kJumped);
   for (std::size_t k = 0; k < drives_.size(); ++k) {
     const Drive& d = drives_[k];
     const bool enabled = d.axis.state() == State::kOperationEnabled;
     if (d.axis.fell() || (were_enabled_ && !enabled)) return stops(d, kFell);
     if (enabling_ > enable_timeout_ && !(enabled && takes_targets(d))) return stops(d, kNotEnabled);
     if (is_behind(k)) return stops(d, kBehind);
-    if (leaves_range(k)) return stops(d, kLeft);
+    if (leaves_range(k)) {
+      describe_place(k);
+      return stops(d, kOutside);
+    }
     if (d.homing.has_failed()) return stops(d, kNotHomed);
     // It would jump to its target when it follows again.
     if (follows_ && !takes_targets(d)) return stops(d, kHolds);
@@ -86,11 +91,39 @@ bool EtherCatDrives::is_behind(std::size_t k) const {
   return follows_ && mode_ != Mode::kTorque && std::abs(q_target_[k] - q_[k]) > following_error_max_[k];
 }
 
-/// Torques: whether an axis has gone further out of its range. Its position tells, not its torque, which may hold a load, nor its speed,
-/// which flickers.
+/// Whether an axis is out of its range; with outside=return: whether a torque has moved it further out. Its position tells, not its torque, which
+/// may hold a load, nor its speed, which flickers.
 bool EtherCatDrives::leaves_range(std::size_t k) const {
-  const double margin = std::max(kOvershoot, 5 * std::abs(q_scale_[drives_[k].joint]));
-  return follows_ && mode_ == Mode::kTorque && outside(k) > outside_[k] + margin;
+  const Drive& d = drives_[k];
+  const double margin = std::max(kOvershoot, 5 * std::abs(q_scale_[d.joint]));
+  if (when_outside_ == Outside::kReturn) return follows_ && mode_ == Mode::kTorque && outside(k) > outside_[k] + margin;
+  return d.known && !d.homing.is_active() && outside(k) > margin;
+}
+
+/// Sets place_outside_, without allocation.
+void EtherCatDrives::describe_place(std::size_t k) {
+  const Drive& d = drives_[k];
+  const char* const si = d.revolute ? "rad" : "m";
+  const auto limit = [](double q) { return std::abs(q) < kUnlimited ? q : std::copysign(INFINITY, q); };
+  std::array<char, 160> text;
+  std::snprintf(text.data(), text.size(), " stands at %.4g %s, outside of q_command_min to q_command_max (%.4g to %.4g %s)",
+                q_[k], si, limit(q_command_min_[k]), limit(q_command_max_[k]), si);
+  place_outside_ = "drive ";
+  place_outside_.append(d.name).append(" (").append(d.joint_name).append(")").append(text.data());
+}
+
+/// The drive whose last position is furthest from the one that was used.
+const EtherCatDrives::Drive& EtherCatDrives::doubted_drive() const {
+  std::size_t furthest = 0;
+  for (std::size_t k = 1; k < drives_.size(); ++k)
+    if (std::abs(q_read_[k] - q_[k]) > std::abs(q_read_[furthest] - q_[furthest])) furthest = k;
+  return drives_[furthest];
+}
+
+/// Where a drive stands that is switched on.
+std::int64_t EtherCatDrives::place_of(const Drive& d) const {
+  const auto& [a, b, c] = d.last_counts;
+  return std::max(std::min(a, b), std::min(std::max(a, b), c));
 }
 
 double EtherCatDrives::outside(std::size_t k) const {
@@ -108,9 +141,10 @@ bool EtherCatDrives::all_enabled() const {
                              [&](const Drive& d) { return d.axis.state() == State::kOperationEnabled && takes_targets(d); });
 }
 
-void EtherCatDrives::write(ethercat::Master& master, const Command& command, double h, Acknowledgement& acknowledgement) {
+void EtherCatDrives::write(ethercat::Master& master, std::int64_t now, const Command& command, double h,
+                           Acknowledgement& acknowledgement) {
   if (empty()) return;
-  const bool operational = master.operational();
+  const bool operational = master.operational() && !blind_;
   for (Drive& d : drives_) operational ? d.axis.see(d.status_word, d.stood >= kStood) : d.axis.forget();
   since_acknowledged_ = std::min(since_acknowledged_ + h, kReset);
   if (awaited_ && !acknowledgement.awaits()) {
@@ -120,17 +154,23 @@ void EtherCatDrives::write(ethercat::Master& master, const Command& command, dou
   if (quick_stop_ && drives()) acknowledgement.demand();
   const bool on = wish(acknowledgement.awaits()) == Wish::kOn;
   advance_enabling(on, h);
-  if (on && has_stopped()) {
+  const Drive* const jumped = std::exchange(jumped_, nullptr);
+  if (on && (jumped != nullptr || has_stopped())) {
     ++stops_;
+    if (jumped != nullptr) std::tie(stopped_drive_, stopped_by_) = std::tuple(jumped, kJumped);
     acknowledgement.demand();
   }
+  if (jumped != nullptr) acknowledgement.demand();
   awaited_ = acknowledgement.awaits();
   const Wish wanted = wish(awaited_);
   advance_homing(wanted == Wish::kOn && operational, h);
   for (Drive& d : drives_) {
-    d.control_word = operational ? static_cast<std::uint16_t>(d.axis.control(wanted) | d.homing.control_bits()) : 0;
+    d.control_word = operational          ? static_cast<std::uint16_t>(d.axis.control(wanted) | d.homing.control_bits())
+                     : blind_ && drives() ? cia402::control_of(cia402::Command::kQuickStop)
+                                          : 0;
   }
-  choose_targets(command, h, wanted == Wish::kOn && !homes() && all_enabled());
+  const double interval = 1e-9 * static_cast<double>(master.output_interval(now));
+  choose_targets(command, h, interval, wanted == Wish::kOn && !homes() && all_enabled());
   for (std::size_t k = 0; k < drives_.size(); ++k) write_targets(master, k);
   write_outputs();
 }
@@ -158,15 +198,15 @@ void EtherCatDrives::advance_homing(bool may_home, double h) {
     if (!d.homing.is_active()) continue;
     d.homing.advance(static_cast<cia402::Mode>(d.mode_shown), d.status_word, profile_mode(), h);
     homed_[k] = d.homing.is_done();
-    jumps_.forget();
+    jumps_.expect_jump();
   }
 }
 
 /// Targets begin where the drives are, and stay there until all of them are enabled.
-void EtherCatDrives::choose_targets(const Command& command, double h, bool follows) {
+void EtherCatDrives::choose_targets(const Command& command, double h, double interval, bool follows) {
   for (std::size_t k = 0; k < drives_.size(); ++k) {
     Drive& d = drives_[k];
-    if (d.axis.state() != State::kOperationEnabled || d.homing.is_active()) d.held = d.counts;
+    if (d.axis.state() != State::kOperationEnabled || d.homing.is_active()) d.held = place_of(d);
     q_target_[k] = q_scale_[d.joint] * static_cast<double>(d.held) + q_offset_[d.joint];
     const double wanted = command.q[d.joint];
     q_wanted_[k] =
@@ -181,6 +221,9 @@ void EtherCatDrives::choose_targets(const Command& command, double h, bool follo
     return;
   }
   h = std::clamp(h, kLeastStep, std::max(cycle_, kLeastStep));  // the bus gets one target for a longer step, too
+  // Two targets within a cycle of the drive would be twice the speed. Less than a hundredth of a cycle is left alone.
+  if (mode_ == Mode::kPosition && interval < 0.99 * h) h = interval;
+  if (h < kLeastStep) return;
   synchronisation_.command(q_wanted_, {no_gain_, no_gain_, dq_command_max_, ddq_command_max_}, h);
   for (std::size_t k = 0; k < drives_.size(); ++k) {
     Drive& d = drives_[k];
@@ -226,59 +269,69 @@ double EtherCatDrives::dq_scale_of(std::size_t k) const {
 void EtherCatDrives::wait(double h, double patience) {
   silent_ += h;
   elapsed_ += h;
-  if (silent_ <= patience) return;
-  jumps_.forget();
-  for (Drive& d : drives_) d.axis.forget();
+  const bool before = std::exchange(blind_, silent_ > patience);
+  if (blind_ && !before) jumps_.forget();
+  if (blind_)
+    for (Drive& d : drives_) d.axis.forget();
 }
 
-void EtherCatDrives::read(const ethercat::Master& master) {
-  if (empty()) return;
+bool EtherCatDrives::read(const ethercat::Master& master) {
+  if (empty()) return true;
   // A slave on its way back: what it gives first may be of the time before.
-  if (std::ranges::any_of(drives_, [&](const Drive& d) { return master.status(d.slave).down; })) return;
+  if (std::ranges::any_of(drives_, [&](const Drive& d) { return master.status(d.slave).down; })) return false;
   const auto value = [&](const Drive& d, const Place& place) {
     return place.bits == 0 ? 0 : signed_value(read_bits(master.inputs(d.slave), place.bit, place.bits), place.bits);
   };
   const auto counts_of = [&](const Drive& d) {
     const auto raw = static_cast<std::uint32_t>(value(d, d.position));
-    const auto way = static_cast<std::int32_t>(raw - static_cast<std::uint32_t>(d.counts));
-    return d.known ? d.counts + way : static_cast<std::int32_t>(raw);
+    const auto way = static_cast<std::int32_t>(raw - static_cast<std::uint32_t>(d.reference));
+    return d.known && !d.homing.runs() ? d.reference + way : static_cast<std::int32_t>(raw);
   };
-  bool credible = true;
+  bool possible = true;
   for (std::size_t k = 0; k < drives_.size(); ++k) {
     const Drive& d = drives_[k];
     q_read_[k] = q_scale_[d.joint] * static_cast<double>(counts_of(d)) + q_offset_[d.joint];
-    dq_read_[k] = d.velocity.bits != 0      ? dq_scale_of(k) * value(d, d.velocity)
-                  : d.known && elapsed_ > 0 ? (q_read_[k] - q_[k]) / elapsed_
-                                            : 0;
+    dq_read_[k] = d.velocity.bits != 0     ? dq_scale_of(k) * value(d, d.velocity)
+                  : d.known && silent_ > 0 ? (q_read_[k] - q_[k]) / silent_
+                                           : 0;
     // A speed from positions is one count per cycle or more, however slow the axis is.
-    credible = credible && (d.velocity.bits == 0 || jumps_.allows(k, dq_read_[k]));
+    possible = possible && (d.velocity.bits == 0 || jumps_.allows(k, dq_read_[k]));
   }
-  const JumpDetector::Verdict verdict = jumps_.add(q_read_, elapsed_, credible);
-  if (verdict == JumpDetector::Verdict::kHeld) return;
-  jumped_ = jumped_ || verdict == JumpDetector::Verdict::kJump;
+  const JumpDetector::Verdict verdict = jumps_.add(q_read_, std::exchange(elapsed_, 0), true, possible);
+  held_ = verdict == JumpDetector::Verdict::kHeld;
+  if (held_) return false;
+  const bool moves = verdict == JumpDetector::Verdict::kPlausible;
+  const auto way = [&](std::size_t k) { return std::abs(q_read_[k] - q_[k]); };
+  if (verdict == JumpDetector::Verdict::kJump) jumped_ = &doubted_drive();
   for (std::size_t k = 0; k < drives_.size(); ++k) {
     Drive& d = drives_[k];
     d.status_word = static_cast<std::uint16_t>(value(d, d.status));
     d.mode_shown = value(d, d.mode_display);
     d.error_code = value(d, d.error) & 0xffff;
     d.torque_units = value(d, d.torque);
-    d.counts = counts_of(d);
+    const std::int64_t counts = counts_of(d);
+    if (!d.known || (!moves && way(k) > JumpDetector::kLargestJump)) d.last_counts.fill(counts);
+    d.last_counts = {d.last_counts[1], d.last_counts[2], counts};
+    if (!d.known || d.homing.runs()) d.reference = counts;
+    if (d.known && moves) d.reference += counts - d.counts;
+    d.counts = counts;
     d.known = true;
-    d.speed = dq_read_[k];
+    d.speed = d.velocity.bits == 0 && !moves ? 0 : dq_read_[k];
     q_[k] = q_read_[k];
     const bool moved = std::abs(q_[k] - d.stood_at) > std::max(kStandsWithin, 2 * std::abs(q_scale_[d.joint]));
     if (moved) d.stood_at = q_[k];
-    d.stood = moved ? 0 : d.stood + elapsed_;
+    d.stood = moved ? 0 : d.stood + silent_;
   }
-  last_elapsed_ = elapsed_;
-  silent_ = elapsed_ = 0;
-  fresh_ = true;
+  last_elapsed_ = std::exchange(silent_, 0);
+  blind_ = false;
+  return fresh_ = true;
 }
 
 /// q̇ is the low-pass of the drives' speeds. Without data it is held for `patience`, and is 0 afterwards.
 void EtherCatDrives::measure(Measured& measured, double dq_cutoff, double patience) {
   if (empty()) return;
   const bool fresh = std::exchange(fresh_, false);
+  if (!place_outside_.empty() && !std::exchange(told_outside_, true)) measured.warn(place_outside_);
   measured.has_tau = std::ranges::none_of(tau_scale_, [](double scale) { return scale == 0; });
   for (std::size_t k = 0; k < drives_.size(); ++k) {
     const Drive& d = drives_[k];
@@ -300,10 +353,10 @@ bool EtherCatDrives::stop(ethercat::Master& master) {
   bool moves = false;
   for (std::size_t k = 0; k < drives_.size(); ++k) {
     Drive& d = drives_[k];
-    master.operational() ? d.axis.see(d.status_word, d.stood >= kStood) : d.axis.forget();
+    master.operational() && !blind_ ? d.axis.see(d.status_word, d.stood >= kStood) : d.axis.forget();
     d.control_word = d.axis.control(Wish::kStop);
     follows_ = false;
-    d.held = d.counts;
+    d.held = place_of(d);
     write_targets(master, k);
     moves = moves || d.axis.state() == State::kOperationEnabled || d.axis.state() == State::kQuickStop;
     // After a loss: the drives that answer are on the ramp of the safe outputs.
@@ -328,8 +381,10 @@ void EtherCatDrives::write_outputs() {
 void EtherCatDrives::append_notes(std::vector<std::string>& sentences) const {
   jumps_.append_notes(sentences, "input");
   if (stops_ == 0) return;
-  sentences.push_back("the drives were stopped " + text::counted(stops_, "time") + ", last because drive " +
-                      stopped_drive_->name + " " + stopped_by_);
+  const bool outside = stopped_by_ == kOutside;
+  sentences.push_back("the drives were stopped " + text::counted(stops_, "time") + ", last because " +
+                      (outside ? place_outside_ : "drive " + stopped_drive_->name + " " + stopped_by_) +
+                      (outside && when_outside_ == Outside::kRefuse ? "; outside=return lets it move back" : ""));
 }
 
 }  // namespace cotwin::io

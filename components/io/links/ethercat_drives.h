@@ -1,4 +1,5 @@
 #pragma once
+#include <array>
 #include <cstdint>
 #include <limits>
 #include <memory>
@@ -50,19 +51,22 @@ class EtherCatDrives {
   std::int32_t implausible() const { return jumps_.implausible(); }
   /// Whether the drives follow the commands.
   bool drives() const { return mode_ != Mode::kMonitor; }
-  /// Writes the outputs of the next cycle, and the safe ones: a quick stop. Demands an acknowledgement if a drive has stopped. `h`: s since the
-  /// last call; targets move by at most one cycle of the bus.
-  void write(ethercat::Master& master, const Command& command, double h, Acknowledgement& acknowledgement);
-  /// Time between the frames whose answers have come last, s, before read(): nothing is known of the drives after `patience` without one.
+  /// Writes the outputs of the next cycle, which is sent at `now` (ns, of the wire), and the safe ones: a quick stop. Demands an acknowledgement if a
+  /// drive has stopped. `h`: s since the last call; targets move by at most one cycle of the bus, and no further than the time for which the drives
+  /// have had the last ones.
+  void write(ethercat::Master& master, std::int64_t now, const Command& command, double h, Acknowledgement& acknowledgement);
+  /// Time between the frames whose answers have come last, s, before read(): nothing is known of the drives after `patience` without inputs that
+  /// are used.
   void wait(double h, double patience);
-  /// Takes fresh inputs; those that no motion explains are held (JumpDetector).
-  void read(const ethercat::Master& master);
+  /// Takes fresh inputs. Those that no motion explains are held (JumpDetector); returns whether they were used.
+  bool read(const ethercat::Master& master);
   void measure(Measured& measured, double dq_cutoff, double patience);
   /// Instead of write(), at the end of a run: a quick stop. Whether a drive may still move.
   bool stop(ethercat::Master& master);
   void append_notes(std::vector<std::string>& sentences) const;
 
  private:
+  enum class Outside : std::uint8_t { kRefuse, kReturn };
   enum class Mode : std::uint8_t { kMonitor, kPosition, kVelocity, kTorque };
   /// Where a value is in the process data of a slave.
   struct Place {
@@ -75,11 +79,13 @@ class EtherCatDrives {
     std::int32_t value = 0;
   };
   static constexpr std::int32_t kNotGiven = std::numeric_limits<std::int32_t>::min();
+  static constexpr double kUnlimited = 1e9;              // rad, N.m
   static constexpr double kReset = 0.5;                  // s that a drive has to leave its fault after acknowledge has risen
   static constexpr double kLargestFollowingError = 0.2;  // rad
   struct Drive {
     std::size_t slave = 0, joint = 0;
-    std::string name;
+    std::string name, joint_name;
+    bool revolute = true;
     Place control, mode, target_position, target_velocity, target_torque;
     Place status, mode_display, position, velocity, torque, error;
     std::vector<Constant> constants;
@@ -89,6 +95,10 @@ class EtherCatDrives {
     std::int32_t error_code = 0, mode_shown = 0;
     bool known = false;       // `counts` is a position of the drive
     std::int64_t counts = 0;  // its position without wrapping
+    std::int64_t reference =
+        0;  // wraps are counted from here: it moves with the positions that a motion explains, and does not jump
+    std::array<std::int64_t, 3>
+        last_counts{};        // their median is where a drive is that is switched on: one of them may be damaged
     std::int64_t held = 0;    // target while it does not follow, counts
     double speed = 0;         // rad/s
     double torque_units = 0;  // of the drive
@@ -107,10 +117,13 @@ class EtherCatDrives {
   bool homes() const;
   bool takes_targets(const Drive& d) const;
   bool all_enabled() const;
-  void choose_targets(const Command& command, double h, bool follows);
+  void choose_targets(const Command& command, double h, double interval, bool follows);
   void advance_enabling(bool on, double h);
   bool is_behind(std::size_t k) const;
   bool leaves_range(std::size_t k) const;
+  void describe_place(std::size_t k);
+  std::int64_t place_of(const Drive& d) const;
+  const Drive& doubted_drive() const;
   double outside(std::size_t k) const;
   void write_image(std::span<std::uint8_t> out, const Drive& d, std::uint16_t control, std::int64_t position, double speed,
                    double torque) const;
@@ -123,22 +136,28 @@ class EtherCatDrives {
   Synchronisation synchronisation_;
   JumpDetector jumps_;
   Mode mode_ = Mode::kMonitor;
+  Outside when_outside_ = Outside::kRefuse;
   std::span<const double> q_scale_, q_offset_;  // per joint of the unit
-  bool awaited_ = false, follows_ = false, jumped_ = false, fresh_ = false;
+  bool awaited_ = false, follows_ = false, fresh_ = false;
+  bool blind_ = false;                          // nothing is known of the drives
+  bool held_ = false;                           // the last inputs were not used
+  const Drive* jumped_ = nullptr;               // since the last write()
   bool were_enabled_ = false;                   // all, since they were wished on
   double enabling_ = 0;                         // s for which they were wished on before that
   double cycle_ = 1e-3;                         // s
-  double since_acknowledged_ = 0, silent_ = 0;  // s
-  double elapsed_ = 0, last_elapsed_ = 0;       // s since the last inputs, and between the last two
+  double since_acknowledged_ = 0, silent_ = 0;  // s, since inputs that were used
+  double elapsed_ = 0, last_elapsed_ = 0;       // s since the last inputs, and between the last two that were used
   std::int32_t stops_ = 0;
   const char* stopped_by_ = "";
   const Drive* stopped_drive_ = nullptr;
+  std::string place_outside_;  // of the drive that stands outside, a sentence; its memory is reserved
+  bool told_outside_ = false;
   // Per drive.
   std::vector<double> q_, q_wanted_, q_target_, tau_target_, no_gain_;
   std::vector<double> q_read_, dq_read_;  // of the last inputs, used or not
   std::vector<double> outside_;           // rad out of the range, the least since the drives follow
   // Inputs and parameters.
-  std::string mode_text_ = "monitor";
+  std::string mode_text_ = "monitor", outside_text_ = "refuse";
   bool enable_ = true, quick_stop_ = false;
   std::unique_ptr<bool[]> home_, homed_;  // input and output
   std::vector<bool> home_before_;

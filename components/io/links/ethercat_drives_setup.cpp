@@ -15,7 +15,6 @@ namespace {
 
 namespace object = cia402::object;
 
-constexpr double kUnlimited = 1e9;   // rad, N.m
 constexpr std::size_t kWidest = 32;  // bits of a value
 constexpr double kMostGain = 0.2;    // of K_v · cycle: three cycles of delay leave a phase margin of more than 45 degrees
 
@@ -50,6 +49,8 @@ EtherCatDrives::EtherCatDrives(const std::vector<SlaveChoice>& slaves, const std
     d.slave = i;
     d.joint = joint_of[i];
     d.name = s.name;
+    d.joint_name = joints[joint_of[i]].name;
+    d.revolute = joints[joint_of[i]].revolute;
     const auto &out = s.setup.outputs, &in = s.setup.inputs;
     d.control = find(out, object::kControlWord);
     d.mode = find(out, object::kMode);
@@ -176,6 +177,9 @@ void EtherCatDrives::declare(Variables& v, JointVariables& joints) {
           "what drive " + d.name + " gets in each cycle as object " + c.object + "; needed unless drive_mode is monitor");
   }
   v.parameter("K_v", K_v_, "1/s", "drive_mode=velocity: gain of the position").range(0, 1e4);
+  v.parameter("outside", outside_text_,
+              "what a drive may do outside of q_command_min to q_command_max: refuse (none is enabled or goes on), or return "
+              "(position, velocity: it moves back; torque: its torque may move it back)");
 }
 
 cia402::Mode EtherCatDrives::profile_mode() const {
@@ -213,8 +217,13 @@ void EtherCatDrives::initialise(double cycle, std::span<const double> q_scale, s
     throw Error(place_ + ": K_v", text::to_text(K_v_) + " with a cycle of " + text::to_text(cycle) + " s, expected at most " +
                                       text::to_text(kMostGain / cycle, 4) + ": the loop over the bus would swing");
   }
+  when_outside_ =
+      text::choose<Outside>(place_ + ": outside", outside_text_, {{"refuse", Outside::kRefuse}, {"return", Outside::kReturn}});
   q_scale_ = q_scale;
   q_offset_ = q_offset;
+  place_outside_.clear();
+  place_outside_.reserve(512);
+  told_outside_ = false;
   for (std::size_t k = 0; k < drives_.size(); ++k) {
     Drive& d = drives_[k];
     const std::string place = place_ + ": slave " + d.name;
@@ -241,12 +250,14 @@ void EtherCatDrives::initialise(double cycle, std::span<const double> q_scale, s
     homed_[k] = false;
     d.status_word = 0;
     d.known = false;
+    jumps_.set_resolution(k, q_scale_[d.joint]);
     d.error_code = d.mode_shown = 0;
     d.speed = d.torque_units = 0;
     d.stood = 0;
     tau_target_[k] = 0;
   }
-  awaited_ = follows_ = jumped_ = fresh_ = were_enabled_ = false;
+  awaited_ = follows_ = fresh_ = were_enabled_ = blind_ = held_ = false;
+  jumped_ = nullptr;
   cycle_ = cycle;
   enabling_ = 0;
   since_acknowledged_ = kReset;

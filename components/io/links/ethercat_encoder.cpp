@@ -21,7 +21,7 @@ void EtherCatEncoder::reset(double fastest) {
   read_since_write_ = true;
   held_ = 0;
   last_ = 0;
-  known_ = false;
+  known_ = alone_ = false;
   counts_ = 0;
   unread_ = 0;
   speed_.reset();
@@ -31,14 +31,26 @@ void EtherCatEncoder::reset(double fastest) {
   doubtful_.reset();
 }
 
-/// Whether the axis can be at the counter at all.
-bool EtherCatEncoder::is_possible(std::uint32_t counter, double unread) const {
-  return std::abs(static_cast<double>(signed_counts(counter - last_))) <= kSurprise + fastest_ * unread;
+/// Whether the axis can be at the counter `unread` seconds after it was at `from`.
+bool EtherCatEncoder::is_possible(std::uint32_t counter, std::uint32_t from, double unread) const {
+  return std::abs(static_cast<double>(signed_counts(counter - from))) <= kSurprise + fastest_ * unread;
+}
+
+/// What a counter that nothing explains means: kHeld, it may be damaged; kElsewhere, it and more than kMostHeld before it follow from one
+/// another; kLost, there were as many, but they do not, and patience has ended.
+EtherCatEncoder::Doubt EtherCatEncoder::doubt(std::uint32_t counter, double unread, double patience) {
+  const bool follows = in_a_row_ > 0 && is_possible(counter, held_counter_, unread - held_unread_);
+  agreeing_ = follows ? agreeing_ + 1 : 1;
+  ++in_a_row_;
+  held_counter_ = counter;
+  held_unread_ = unread;
+  if (agreeing_ > JumpDetector::kMostHeld) return Doubt::kElsewhere;
+  return in_a_row_ > JumpDetector::kMostHeld && unread > patience ? Doubt::kLost : Doubt::kHeld;
 }
 
 /// Whether the counter is near the last one or, if the one before was doubted, goes on from that one.
 bool EtherCatEncoder::is_explained(std::uint32_t counter, double unread) {
-  if (!is_possible(counter, unread)) {
+  if (!is_possible(counter, last_, unread)) {
     ++implausible_;
     return false;
   }
@@ -108,18 +120,22 @@ void EtherCatEncoder::read(std::span<const std::uint8_t> in, bool restarted, dou
     uncertain = false;
     way_ = 0;
     doubtful_.reset();
-  } else if (restarted || !known_) {
-    // The position continues from the last one.
-    if (known_) was_restarted_ = uncertain = true;
+  } else if (restarted || !known_ || (alone_ && !is_possible(counter, last_, unread))) {
+    // The position continues from the last one. Of two first counters that do not follow from one another either may be damaged.
+    if (restarted && known_) was_restarted_ = uncertain = true;
+    if (!restarted && known_) ++implausible_;
+    alone_ = true;
     way_ = 0;
     doubtful_.reset();
   } else if (held_ > 0 && phase_ == Phase::kRequest && --held_ > 0) {
     unread_ = unread;
     return;
-  } else if (unread > 0 && !is_explained(counter, unread) && ++in_a_row_ <= JumpDetector::kMostHeld) {
+  } else if (const Doubt doubts =
+                 unread > 0 && !is_explained(counter, unread) ? doubt(counter, unread, patience) : Doubt::kNone;
+             doubts == Doubt::kHeld) {
     unread_ = unread;
     return;
-  } else if (unread > 0 && !is_possible(counter, unread)) {
+  } else if (doubts == Doubt::kLost || (doubts == Doubt::kElsewhere && !is_possible(counter, last_, unread))) {
     // Where the axis is, is not known any more: it stays.
     ++jumps_;
     uncertain = true;
@@ -128,6 +144,7 @@ void EtherCatEncoder::read(std::span<const std::uint8_t> in, bool restarted, dou
   } else {
     const std::int64_t moved = signed_counts(counter - last_);
     counts_ += moved;
+    alone_ = false;
     if (unread > patience && unread * kFastest > std::ldexp(1.0, static_cast<int>(bits) - 1))
       may_have_wrapped_ = uncertain = true;
     if (unread > 0) {

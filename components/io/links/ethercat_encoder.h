@@ -36,7 +36,8 @@ class EtherCatEncoder {
   /// Takes input process data. `restarted`: the terminal was switched off and on since the last ones, so that it has forgotten its
   /// counter. `patience`: s without data after which a counter of 16 bits may have wrapped. A counter that the last speed does not explain to
   /// kSurprise counts and half of the way is used only when the next one confirms it: the frame may be damaged. One that is faster than
-  /// `fastest` is never used; after JumpDetector::kMostHeld of them in a row the position continues from the last one as after a restart.
+  /// `fastest` is never used; after JumpDetector::kMostHeld in a row that follow from one another, or `patience` of such counters, the position
+  /// continues from the last one as after a restart.
   void read(std::span<const std::uint8_t> in, bool restarted, double patience);
 
   std::int64_t counts() const { return counts_; }
@@ -65,7 +66,9 @@ class EtherCatEncoder {
   static constexpr double kSurprise = 3;
 
   std::int64_t signed_counts(std::uint32_t difference) const;
-  bool is_possible(std::uint32_t counter, double unread) const;
+  bool is_possible(std::uint32_t counter, std::uint32_t from, double unread) const;
+  enum class Doubt : std::uint8_t { kNone, kHeld, kElsewhere, kLost };
+  Doubt doubt(std::uint32_t counter, double unread, double patience);
   bool is_explained(std::uint32_t counter, double unread);
 
   bool wide_;
@@ -76,15 +79,18 @@ class EtherCatEncoder {
   int held_ = 0;            // > 0: data that are not used, because the counter may have been set without a confirmation
   std::uint32_t last_ = 0;  // counter of the terminal
   bool known_ = false;      // `last_` is valid
+  bool alone_ = false;      // it was the first one
   std::int64_t counts_ = 0;
   double unread_ = 0;
   std::optional<Speed> speed_;
   double way_ = 0;                         // counts per s, the speed that the last two data had
   std::optional<std::uint32_t> doubtful_;  // counter that awaits its confirmation
   double doubtful_unread_ = 0;             // s, before it
+  std::uint32_t held_counter_ = 0;         // the last one that was not used, if in_a_row_ > 0
+  double held_unread_ = 0;                 // s, before it
   double fastest_ = kFastest;              // counts per s
   std::int32_t implausible_ = 0;
-  int in_a_row_ = 0, jumps_ = 0;
+  int in_a_row_ = 0, agreeing_ = 0, jumps_ = 0;  // counters that were not used, those of them that follow from one another
   bool was_restarted_ = false, may_have_wrapped_ = false;
 };
 

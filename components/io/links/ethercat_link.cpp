@@ -31,6 +31,7 @@ constexpr const char* kWrapped =
     "an encoder's counter of 16 bits was not read for longer than timeout: its position may be off by multiples of 65536 "
     "counts "
     "(encoder_bits=32 has room for hours)";
+constexpr const char* kWithheld = "after a loss, a jump or a stop outputs are off or drives stand until acknowledge rises";
 constexpr const char* kNotStopped =
     "not all slaves answered at the end of the run that they are in INIT: their outputs are off when their watchdogs expire";
 constexpr std::int64_t kLongestQuickStop = 500'000'000;  // ns, of the drives at the end of a run
@@ -125,6 +126,7 @@ void EtherCatLink::stop_drives() noexcept {
   while (drives_.stop(*master_) && wire_->now() < end) {
     const std::int64_t due = wire_->now() + nanoseconds(cycle_);
     master_->cycle(*wire_);
+    drives_.wait(cycle_, patience());
     if (master_->fresh()) drives_.read(*master_);
     if (field_) {
       static_cast<ethercat::EmulatedWire&>(*wire_).advance_to(due);
@@ -254,6 +256,7 @@ void EtherCatLink::declare_device(Variables& v, std::size_t i) {
 void EtherCatLink::initialise(Time start, Measured& measured) {
   end();
   acknowledgement_.begin(kEtherCatPlace);
+  measured.warning.reserve(1024);
   master_.reset();
   wire_.reset();
   ethercat::SetupOptions options;
@@ -321,7 +324,8 @@ StepResult EtherCatLink::step(Time now, Duration h, const Command& command, Meas
   bus_lost_ = bus_lost_ && acknowledgement_.awaits();
   master_->hold_outputs(bus_lost_);
   write_devices();
-  drives_.write(*master_, command, h.seconds(), acknowledgement_);
+  master_->collect(*wire_, 0);
+  drives_.write(*master_, wire_->now(), command, h.seconds(), acknowledgement_);
   master_->cycle(*wire_);
   if (field_) {
     static_cast<ethercat::EmulatedWire&>(*wire_).advance_to(zero_ + (now + h).ns);
@@ -333,8 +337,10 @@ StepResult EtherCatLink::step(Time now, Duration h, const Command& command, Meas
   const double between = std::exchange(last_h_, h).seconds();
   for (const std::size_t i : encoders_) devices_[i].encoder->advance(between);
   drives_.wait(between, patience());
-  if (measured.fresh) read_devices();
-  if (measured.fresh) drives_.read(*master_);
+  if (measured.fresh) {
+    read_devices();
+    measured.fresh = drives_.read(*master_);
+  }
   measure(measured);
   drives_.measure(measured, dq_cutoff_, patience());
   write_statistics();
@@ -346,6 +352,7 @@ StepResult EtherCatLink::step(Time now, Duration h, const Command& command, Meas
     acknowledgement_.demand();
   }
   was_operational_ = was_operational_ || operational_;
+  if (acknowledgement_.awaits()) measured.warn(kWithheld);
   return {};
 }
 

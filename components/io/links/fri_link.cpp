@@ -166,7 +166,7 @@ void FriLink::initialise(Time start, Measured& measured) {
   p_ = {};
   quat_ = {1, 0, 0, 0};
   counts_ = {};
-  position_ = answered_ = -1;
+  position_ = answered_ = offered_ = -1;
   host_ = monotonic_now();
   at_ = start.ns;
   waiting_ = false;
@@ -281,7 +281,11 @@ bool FriLink::take(const DatagramQueue::Datagram& datagram, std::int64_t arrival
   const auto reception = client_->receive(datagram.bytes, datagram.from, arrival, datagram.arrival);
   if (reception == fri::Client::Reception::kRefused) return false;
   if (client_->statistics().sessions != sessions_) begin_session();
-  if (!is_believed()) return false;
+  if (!is_believed()) {
+    // The first message of a session: a controller may wait for its answer.
+    if (position_ >= 0 || client_->commanding() || reception != fri::Client::Reception::kAnswerDue) return false;
+    begins_ = true;
+  }
   if (client_->monitoring().state == fri::SessionState::kIdle) answer_ = {};
   if (reception == fri::Client::Reception::kAnswerDue) {
     choose_command();
@@ -297,7 +301,8 @@ bool FriLink::take(const DatagramQueue::Datagram& datagram, std::int64_t arrival
 void FriLink::begin_session() {
   if (sessions_ > 0) demand_acknowledgement();
   sessions_ = client_->statistics().sessions;
-  position_ = answered_ = -1;
+  position_ = answered_ = offered_ = -1;
+  jumps_.forget();
   following_ = follows_ = false;
   begins_ = true;
   wanted_.krl = {};
@@ -309,12 +314,15 @@ bool FriLink::is_believed() {
   const fri::Monitoring& m = client_->monitoring();
   const std::int64_t newest = client_->statistics().monitoring.newest();
   if (newest == position_) return true;
-  const double elapsed = position_ >= 0 ? m.send_period * static_cast<double>(newest - position_) : 0;
   const bool same_period = position_ < 0 || m.send_period == period_;
+  const double period = position_ < 0 ? m.send_period : period_;
+  const double elapsed = offered_ >= 0 ? period * static_cast<double>(newest - offered_) : 0;
+  offered_ = newest;
   const JumpDetector::Verdict verdict = jumps_.add({m.q_measured.data(), n_}, elapsed, same_period);
   if (verdict == JumpDetector::Verdict::kJump) {
     demand_acknowledgement();
     begins_ = true;
+    position_ = -1;  // no speed leads there
   }
   return verdict != JumpDetector::Verdict::kHeld;
 }
@@ -358,7 +366,8 @@ void FriLink::measure(Measured& measured) {
 void FriLink::note_loss(Measured& measured) {
   ++losses_;
   demand_acknowledgement();
-  position_ = answered_ = -1;
+  position_ = answered_ = offered_ = -1;
+  jumps_.forget();
   following_ = follows_ = false;
   std::ranges::fill(measured.dq, 0);
   std::ranges::fill(measured.ddq, 0);

@@ -144,6 +144,7 @@ class FriLink final : public Link {
   // Of the session.
   std::int64_t host_ = 0, at_ = 0;  // ns: of the last step on the monotonic clock and in the scenario
   std::int64_t position_ = -1;      // in the stream, of the message measured last; −1: none
+  std::int64_t offered_ = -1;       // of the last message, measured or not; −1: none
   std::int64_t answered_ = -1;      // of the message answered last; −1: none
   bool following_ = false;          // the robot takes commands; else its own position is mirrored
   bool follows_ = false;            // and they are those of the inputs

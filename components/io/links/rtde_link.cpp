@@ -252,7 +252,6 @@ bool RtdeLink::read_all(Time now, Measured& measured) {
     bool read = false;
     while (line_.client().read(monotonic_now())) {
       read = true;
-      heard_ = now.ns;
       // The clock may have waited until a new connection had data.
       if (line_.set_ups() != set_ups_) {
         if (connected_) note_loss(measured);
@@ -260,7 +259,7 @@ bool RtdeLink::read_all(Time now, Measured& measured) {
         registers_int_sent_ = {};
       }
       set_ups_ = line_.set_ups();
-      measure(measured);
+      measure(measured, now);
     }
     if (!more && !read) break;
   }
@@ -274,20 +273,24 @@ bool RtdeLink::is_believed(double t, std::int64_t host) {
   const auto joints = [&](const char* name) { return c.values().subspan(c.directory().slot(name), n_); };
   const double since = t - t_robot_, passed = static_cast<double>(host - arrived_) / 1e9;
   const bool in_time = !connected_ || (since >= 0 && since <= passed + patience());
-  bool credible = in_time;
-  for (std::size_t i = 0; i < n_; ++i) credible = credible && jumps_.allows(i, joints("actual_qd")[i]);
-  const JumpDetector::Verdict verdict = jumps_.add(joints("actual_q"), elapsed_, credible);
+  bool possible = true;
+  for (std::size_t i = 0; i < n_; ++i) possible = possible && jumps_.allows(i, joints("actual_qd")[i]);
+  // Packages without a possible time are taken for a cycle apart.
+  const double elapsed = in_time && t > t_offered_ ? std::min(t - t_offered_, patience()) : 1 / frequency_;
+  if (in_time) t_offered_ = t;
+  const JumpDetector::Verdict verdict = jumps_.add(joints("actual_q"), elapsed, in_time, possible);
   if (verdict == JumpDetector::Verdict::kJump) demand_acknowledgement();
   return verdict != JumpDetector::Verdict::kHeld;
 }
 
-void RtdeLink::measure(Measured& measured) {
+void RtdeLink::measure(Measured& measured, Time now) {
   const rtde::Client& c = line_.client();
   const double t = c.value("timestamp");
   const std::int64_t host = monotonic_now();
   elapsed_ = connected_ && t > t_robot_ && t - t_robot_ <= rtde::kLongestPause ? t - t_robot_ : 0;
   count(received_);
   if (!is_believed(t, host)) return;
+  heard_ = now.ns;
   if (elapsed_ > 0) {
     measured.elapsed += elapsed_;
     count(skipped_, static_cast<std::uint64_t>(std::max(std::round(elapsed_ * frequency_) - 1, 0.0)));

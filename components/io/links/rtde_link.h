@@ -47,7 +47,7 @@ class RtdeLink final : public Link {
   rtde::ClientSettings client_settings() const;
   bool read_all(Time now, Measured& measured);
   bool is_believed(double t, std::int64_t host);
-  void measure(Measured& measured);
+  void measure(Measured& measured, Time now);
   void measure_forces(Measured& measured);
   void count_reflected();
   bool read_registers();
@@ -105,7 +105,8 @@ class RtdeLink final : public Link {
   bool has_wanted_ = false;
   std::array<double, kRegisters> registers_sent_{};  // the last finite values of double_command
   std::array<std::int32_t, kRegisters> registers_int_sent_{};
-  std::int64_t heard_ = 0;    // ns, scenario time of the last package
+  double t_offered_ = 0;      // s, robot's time of the last package with a possible one
+  std::int64_t heard_ = 0;    // ns, scenario time of the last package that was used
   std::int64_t arrived_ = 0;  // ns, host
   std::int32_t counter_ = 0, reflected_ = 0;
   std::array<std::int64_t, 256> sent_at_{};  // ns, host, by counter

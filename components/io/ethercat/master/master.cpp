@@ -156,6 +156,7 @@ void Master::read_cyclic(const FrameReader& frame, std::uint8_t index, std::int6
     ++counters_.late;
     return;
   }
+  frames_[segment].back = now;
   if (!is_intact(frame, segment)) {
     ++counters_.foreign;
     return;
@@ -205,8 +206,31 @@ void Master::read_system_time(std::int64_t time, std::uint16_t working_counter, 
   system_time_at_ = time_.host = middle;
 }
 
+/// ns from sending the first frame of the last cycle to the last answer; nothing while one is missing.
+std::optional<std::int64_t> Master::trip() const {
+  std::int64_t last = 0;
+  for (const Frame& f : frames_) {
+    if (f.back < 0) return std::nullopt;
+    last = std::max(last, f.back - frames_[0].sent);
+  }
+  return last;
+}
+
+std::int64_t Master::output_interval(std::int64_t now) const {
+  const std::optional<std::int64_t> last = trip();
+  if (!last) return 0;
+  // What the last trip took longer than others counts for the way to the slaves.
+  const std::int64_t excess = least_trip_ > 0 ? std::max<std::int64_t>(*last - least_trip_, 0) : 0;
+  return std::max<std::int64_t>(now - frames_[0].sent - excess, 0);
+}
+
 void Master::close_cycle(std::int64_t now) {
+  constexpr std::int64_t kMemory = 1000;  // cycles
   sent_ = false;
+  if (const std::optional<std::int64_t> last = trip()) {
+    const bool longer = least_trip_ > 0 && *last > least_trip_;
+    least_trip_ = longer ? least_trip_ + (*last - least_trip_) / kMemory : *last;
+  }
   bool answered = true, complete = true, wrong = false;
   for (const Frame& f : frames_) {
     answered = answered && f.answered;
@@ -258,7 +282,7 @@ void Master::send_frames(Wire& wire) {
       writer.add(Command::kBrd, index_, at_position(0, reg::kAlStatus), std::size_t{2});
     }
     if (i < bus_.segments.size()) add_process_data(writer, bus_.segments[i]);
-    frames_[i] = {wire.now(), false, false};
+    frames_[i] = {wire.now(), -1, false, false};
     if (!wire.send(writer.finish())) ++counters_.unsent;
   }
   sent_ = true;

@@ -68,6 +68,9 @@ class Master {
   void hold_outputs(bool held) { held_ = held; }
 
   const BusSetup& bus() const { return bus_; }
+  /// ns for which the outputs of the last cycle have been at the slaves, at least, when outputs that are sent at `now` reach them; 0 if its frames are
+  /// not all back, so that a late one may still be on its way.
+  std::int64_t output_interval(std::int64_t now) const;
   /// All slaves are in OP and the last cycle was complete.
   bool operational() const { return operational_; }
   /// The last cycle brought valid inputs.
@@ -88,7 +91,7 @@ class Master {
 
  private:
   struct Frame {
-    std::int64_t sent = 0;  // ns
+    std::int64_t sent = 0, back = -1;  // ns, also of a damaged answer; -1: not yet
     bool answered = true;
     bool complete = false;  // with the expected working counters
   };
@@ -109,6 +112,7 @@ class Master {
   bool is_intact(const FrameReader& frame, std::size_t segment) const;
   bool is_errand(const Datagram& d) const;
   void read_cyclic(const FrameReader& frame, std::uint8_t index, std::int64_t now);
+  std::optional<std::int64_t> trip() const;
   void read_system_time(std::int64_t time, std::uint16_t working_counter, std::int64_t now);
   void read_acyclic(bool answered, std::uint16_t working_counter, std::span<const std::uint8_t> data, std::int64_t now);
   void close_cycle(std::int64_t now);
@@ -143,6 +147,7 @@ class Master {
   bool watching_ = true;  // something is wrong: the states of the slaves are read one by one
   bool crowded_ = false;  // more slaves answer than there should be
   std::int64_t last_good_ = 0;
+  std::int64_t least_trip_ = 0;      // ns of the frames of a cycle from sending to the last answer, lately; 0: not known
   int counted_ = 0, answering_ = 0;  // slaves in the last answer, and in two of them in a row
   int unanswered_ = 0;               // cycles in a row without the answer that counts them
   // FPRD while the reference clock is not to be followed, and after each cycle in which it was not read.

@@ -168,7 +168,8 @@ struct Drives {
     field.exchange();
     wire.advance_to(next += kMs);
     field.apply(next);
-    drives.write(*master, command, 1e-3, acknowledgement);
+    master->collect(faulty, 0);
+    drives.write(*master, wire.now(), command, 1e-3, acknowledgement);
     master->cycle(faulty);
     drives.wait(1e-3, 0.02);
     if (master->fresh()) drives.read(*master);
@@ -244,7 +245,7 @@ TEST(DamagedFrames, MoveNoDriveAndStopAllIfTheyGoOn) {
   EXPECT_TRUE(d.acknowledgement.awaits());
   std::vector<std::string> sentences;
   d.drives.append_notes(sentences);
-  EXPECT_THAT(sentences, Contains(HasSubstr("gave a position that no motion explains")));
+  EXPECT_THAT(sentences, Contains(HasSubstr("drive q1 gave positions or speeds that no motion explains")));
 }
 
 // A time of 64 bits may be anything, and its differences overflow.

@@ -265,8 +265,10 @@ TEST_P(FriSafety, RejectsPeriodsThatNoRobotHas) {
     rig.begin();
     rig.m.send_period = bad;
     const int rejected = rig.twin.integer("rejected");
+    const std::int64_t time = rig.m.time;
     const auto bytes = rig.message();
     rig.m.send_period = 0.002;
+    rig.m.time = time + 2'000'000;
     rig.send(bytes);
     EXPECT_FALSE(rig.step(1)) << bad;
     EXPECT_EQ(rig.twin.integer("rejected"), rejected + 1) << bad;

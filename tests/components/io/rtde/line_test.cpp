@@ -241,6 +241,7 @@ TEST(RtdeLink, ALossARestartOrAJumpIsFollowedByNothingUntilItIsAcknowledged) {
       s.robot.say(event == "stop" ? 3 : 2);
     }
     if (event == "jump" || event == "clock") s.periods(JumpDetector::kMostHeld);  // nothing is sent
+    if (event == "restart") s.periods(1);                                         // nor before a second package
     for (int k = 0; k < 100; ++k) {
       s.period();
       ASSERT_EQ(s.request(), 0) << k;
