@@ -8,6 +8,8 @@ namespace cotwin::ethercat {
 namespace {
 
 constexpr std::uint16_t kFirstStation = 0x1001;
+constexpr int kLeastAttempts = 3;
+constexpr int kMostCounts = 12;                       // of the slaves, until two are the same
 constexpr std::size_t kLargestImage = 32'768;         // bytes of an SII
 constexpr std::int64_t kSiiPatience = 1'000'000'000;  // ns that a slave may be busy with its EEPROM
 
@@ -31,7 +33,7 @@ std::size_t read_sii_words(Exchange& exchange, std::uint16_t station, std::uint3
     std::array<std::uint8_t, 6> request{};
     store(request.data(), sii_control::kRead);
     store(request.data() + 2, word);
-    if (exchange.transfer(Command::kFpwr, at_station(station, reg::kSiiControl), request) != 1) {
+    if (!exchange.confirm(Command::kFpwr, at_station(station, reg::kSiiControl), request)) {
       throw Error(place, "does not take requests to read its SII");
     }
     status = wait();
@@ -40,7 +42,7 @@ std::size_t read_sii_words(Exchange& exchange, std::uint16_t station, std::uint3
     throw Error(place, "reports an error for 1 s when its SII is read: is its EEPROM empty?");
   }
   const std::size_t bytes = (status & sii_control::kReads8Bytes) != 0 ? 8 : 4;
-  if (exchange.transfer(Command::kFprd, at_station(station, reg::kSiiData), to.first(bytes)) != 1) {
+  if (!exchange.confirm(Command::kFprd, at_station(station, reg::kSiiData), to.first(bytes))) {
     throw Error(place, "does not answer while its SII is read");
   }
   return bytes;
@@ -94,12 +96,17 @@ std::vector<FoundSlave> scan_bus(Exchange& exchange, const std::string& place, s
   std::uint8_t type = 0;
   const std::int64_t end = exchange.wire().now() + wait;
   std::optional<std::uint16_t> count;
+  int attempts = 0;
   do {
     count = exchange.transfer(Command::kBrd, at_position(0, reg::kType), type);
-  } while (count.value_or(0) == 0 && exchange.wire().now() < end);
+  } while (count.value_or(0) == 0 && (exchange.wire().now() < end || ++attempts < kLeastAttempts));
   if (count.value_or(0) > 0) {
     reset_slaves(exchange);
-    count = exchange.transfer(Command::kBrd, at_position(0, reg::kType), type);
+    std::optional<std::uint16_t> before;
+    for (int n = 0; n < kMostCounts && (n == 0 || count != before); ++n) {  // a damaged frame may give another number
+      before = count;
+      count = exchange.transfer(Command::kBrd, at_position(0, reg::kType), type);
+    }
   }
   if (!count) throw Error(place, "no frame comes back, expected an EtherCAT bus that is switched on");
   if (*count == 0) throw Error(place, "frames come back unread, expected at least one EtherCAT slave");
@@ -108,8 +115,9 @@ std::vector<FoundSlave> scan_bus(Exchange& exchange, const std::string& place, s
     FoundSlave& slave = slaves[i];
     const auto position = static_cast<std::uint16_t>(i);
     slave.station = static_cast<std::uint16_t>(kFirstStation + i);
-    std::uint16_t station = slave.station;
-    if (exchange.transfer(Command::kApwr, at_position(position, reg::kStation), station) != 1) {
+    std::array<std::uint8_t, 2> station;
+    store(station.data(), slave.station);
+    if (!exchange.confirm(Command::kApwr, at_position(position, reg::kStation), station)) {
       throw Error(position_of(place, i), "does not take a station address");
     }
     const auto read = [&]<class T>(T& value, std::uint16_t offset) {

@@ -446,8 +446,15 @@ class BusBuilder {
     std::vector<std::uint8_t> data;
     while (sequence.status() == Sequence::Status::kBusy) {
       data.assign(sequence.data().begin(), sequence.data().end());
-      const std::optional<std::uint16_t> count =
-          exchange_.transfer(sequence.command(), sequence.address(), std::span<std::uint8_t>(data));
+      // States and latched times do not change from one read to the next; what a mailbox and a clock give does.
+      const auto offset = static_cast<std::uint16_t>(sequence.address() >> 16);
+      const bool stays = sequence.command() == Command::kFprd && (offset == reg::kAlStatus || offset == reg::kReceiveTime);
+      std::optional<std::uint16_t> count;
+      if (!stays) {
+        count = exchange_.transfer(sequence.command(), sequence.address(), std::span<std::uint8_t>(data));
+      } else if (exchange_.confirm(sequence.command(), sequence.address(), data)) {
+        count = std::uint16_t{1};
+      }
       sequence.receive(count.has_value(), count.value_or(0), data, time_, exchange_.wire().now());
     }
     if (sequence.status() == Sequence::Status::kFailed) throw Error(place_of(i), sequence.failure());

@@ -34,6 +34,22 @@ std::optional<std::uint16_t> Exchange::transfer(Command command, std::uint32_t a
   return std::nullopt;
 }
 
+bool Exchange::confirm(Command command, std::uint32_t address, std::span<std::uint8_t> data) {
+  const bool writes = command == Command::kFpwr || command == Command::kApwr;
+  const std::span<std::uint8_t> before = std::span(before_).first(data.size());
+  std::ranges::copy(data, before.begin());
+  bool known = writes;
+  for (int n = 0; n < kMostRequests; ++n) {
+    if (writes) std::ranges::copy(before, data.begin());
+    if (transfer(command, address, data) != 1) continue;
+    if (known && std::ranges::equal(data, before)) return true;
+    if (writes) continue;
+    std::ranges::copy(data, before.begin());
+    known = true;
+  }
+  return false;
+}
+
 void Exchange::clear(std::uint16_t offset, std::size_t bytes) {
   std::array<std::uint8_t, 256> zeros{};
   transfer(Command::kBwr, at_position(0, offset), std::span<std::uint8_t>(zeros).first(bytes));

@@ -32,6 +32,9 @@ class Exchange {
     if (count) value = load<T>(bytes.data());
     return count;
   }
+  /// Reads from or writes to one slave and makes sure of it, because frames may be lost or damaged: until a write comes back as it was sent,
+  /// or two reads give the same, each with the working counter 1. Whether that succeeded within kMostRequests.
+  bool confirm(Command command, std::uint32_t address, std::span<std::uint8_t> data);
   /// Broadcast write of zeros.
   void clear(std::uint16_t offset, std::size_t bytes);
   /// Broadcast write. Returns the number of slaves that took it; nothing if the bus is silent.
@@ -39,26 +42,30 @@ class Exchange {
   std::optional<std::uint16_t> broadcast(std::uint16_t offset, T value) {
     return transfer(Command::kBwr, at_position(0, offset), value);
   }
-  /// Reads from the slave with a station address. Nothing if it does not answer.
+  /// Reads from the slave with a station address, with confirm(). Nothing if it does not answer.
   template <class T>
   std::optional<T> read(std::uint16_t station, std::uint16_t offset) {
-    T value{};
-    const std::optional<std::uint16_t> count = transfer(Command::kFprd, at_station(station, offset), value);
-    return count == 1 ? std::optional<T>(value) : std::nullopt;
+    std::array<std::uint8_t, sizeof(T)> bytes{};
+    const bool done = confirm(Command::kFprd, at_station(station, offset), bytes);
+    return done ? std::optional<T>(load<T>(bytes.data())) : std::nullopt;
   }
-  /// Writes to the slave with a station address. Returns whether it took the value.
+  /// Writes to the slave with a station address, with confirm(). Returns whether it took the value.
   template <class T>
   bool write(std::uint16_t station, std::uint16_t offset, T value) {
-    return transfer(Command::kFpwr, at_station(station, offset), value) == 1;
+    std::array<std::uint8_t, sizeof(T)> bytes;
+    store(bytes.data(), value);
+    return confirm(Command::kFpwr, at_station(station, offset), bytes);
   }
 
   Wire& wire() { return wire_; }
 
  private:
+  static constexpr int kMostRequests = 12;
+
   Wire& wire_;
   Options options_;
   std::uint8_t index_ = 0;
-  std::array<std::uint8_t, kLongestFrame> sent_{}, received_{};
+  std::array<std::uint8_t, kLongestFrame> sent_{}, received_{}, before_{};
 };
 
 }  // namespace cotwin::ethercat

@@ -35,7 +35,7 @@ void Sequence::start(std::span<const Step> steps, const SlaveTimes& times, std::
   abort_ = SdoAbort::kNone;
   silent_ = true;
   refusals_ = 0;
-  absent_ = repeat_ = repeating_ = holds_latch_ = false;
+  absent_ = repeat_ = repeating_ = asked_again_ = holds_latch_ = false;
   status_ = steps_.empty() ? Status::kDone : Status::kBusy;
   if (status_ == Status::kBusy) {
     deadline_ = now + step().timeout;
@@ -160,6 +160,11 @@ Sequence::Status Sequence::receive(bool answered, std::uint16_t working_counter,
       prepare(time);
     } else if (taken && s.back > 0) {
       go_back(time);
+    } else if (taken && s.repeat != 0 && !asked_again_ && deadline_ - now < s.timeout / 2) {
+      // No mail comes: the last one may have been read, but damaged on its way.
+      asked_again_ = repeating_ = true;
+      repeat_ = !repeat_;
+      prepare(time);
     }
     return status_;
   }
@@ -171,6 +176,7 @@ Sequence::Status Sequence::receive(bool answered, std::uint16_t working_counter,
   if (at_ > furthest_) {
     furthest_ = at_;
     silent_ = true;
+    asked_again_ = false;
     deadline_ = now + step().timeout;
   }
   prepare(time);

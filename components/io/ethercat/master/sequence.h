@@ -61,7 +61,7 @@ struct Step {
   std::uint16_t least = 1;               // working counter of broadcasts
   bool may_refuse = false;               // a mailbox, which is not accessible while it is full or empty
   bool identity = false;                 // an answer that does not fit is final: it is another device
-  std::uint32_t repeat = 0;              // kMail: address of the activate byte of its sync manager
+  std::uint32_t repeat = 0;              // of a mail, and the wait for it: address of the activate byte of its sync manager
   std::string what;                      // for messages: "go to PREOP"
 };
 
@@ -126,6 +126,7 @@ class Sequence {
   std::int64_t refused_since_ = 0;
   bool absent_ = false;
   bool repeat_ = false, repeating_ = false;  // bit of the sync manager; it is written now
+  bool asked_again_ = false;                 // it was written while no mail came
   bool holds_latch_ = false;
   std::int64_t sync_start_ = 0;          // ns, system time of the first SYNC0
   std::int64_t latched_at_ = 0;          // ns, Wire::now()

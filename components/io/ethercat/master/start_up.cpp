@@ -222,12 +222,13 @@ void append_download(std::vector<Step>& steps, std::uint16_t station, const SiiM
     steps.push_back(std::move(send));
     Step full = datagram(Command::kFprd, at_station(station, kIn + 5), std::vector<std::uint8_t>(1), "answer a mail");
     full.mask = full.expected = {sync_manager::kFull};
-    steps.push_back(std::move(full));
+    full.repeat = at_station(station, kIn + 6);
+    steps.push_back(full);
     Step answer = datagram(Command::kFprd, at_station(station, box.in), std::vector<std::uint8_t>(box.in_size), what);
     answer.kind = Step::Kind::kMail;
     answer.back = 1;
     answer.may_refuse = true;
-    answer.repeat = at_station(station, kIn + 6);
+    answer.repeat = full.repeat;
     const Acceptance a = acceptance_of(value, initial, toggle);
     if (!initial) toggle ^= sdo::kToggle;
     constexpr std::size_t kLookedAt = kCoeHeader + 4;  // bytes

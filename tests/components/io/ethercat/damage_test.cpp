@@ -25,11 +25,11 @@ using ::testing::HasSubstr;
 struct Flips {
   double share = 0;
   std::mt19937 random{3};
+  std::size_t from = kFrameHeader + kDatagramHeader;
   int flipped = 0;
   void operator()(std::span<std::uint8_t> frame) {
     if (static_cast<double>(random() % 1000) >= 1000 * share) return;
     ++flipped;
-    const std::size_t from = kFrameHeader + kDatagramHeader;
     frame[from + random() % (frame.size() - from)] ^= static_cast<std::uint8_t>(1u << random() % 8);
   }
 };
@@ -122,6 +122,44 @@ TEST(DamagedFrames, ACounterThatIsElsewhereLosesThePositionAndMovesNothing) {
   EXPECT_TRUE(encoder.uncertain);
   for (int i = 0; i < 5; ++i) EXPECT_EQ(read(++counter), at + 2 + i) << "it goes on from where it was";
   EXPECT_EQ(encoder.implausible(), 9);
+}
+
+// One frame of twenty is lost on each way, and one bit of every twentieth answer is turned.
+TEST(DamagedFrames, DoNotKeepABusFromStartingAndGiveItNoWrongSlaves) {
+  Cell sound;
+  sound.set_up();
+  const BusSetup& expected = sound.master->bus();
+  for (unsigned seed = 1; seed <= 40; ++seed) {
+    SCOPED_TRACE(seed);
+    Cell cell;
+    FaultyWire wire(cell.wire, seed);
+    wire.loss = 0.05;
+    Flips flips;
+    flips.share = 0.05;
+    flips.from = kFrameHeader;
+    flips.random.seed(seed);
+    wire.changes = [&](std::span<std::uint8_t> frame) { flips(frame); };
+    Exchange exchange(wire);
+    std::string refusal;
+    try {
+      cell.master = std::make_unique<Master>(set_up_bus(exchange, cell.slaves, cell.options), kMs, 20 * kMs,
+                                             BusTime{0, cell.options.system_time, 0});
+    } catch (const Error& e) {
+      refusal = e.what();
+    }
+    ASSERT_EQ(refusal, "");
+    const BusSetup& bus = cell.master->bus();
+    ASSERT_EQ(bus.slaves.size(), expected.slaves.size());
+    for (std::size_t i = 0; i < bus.slaves.size(); ++i) {
+      EXPECT_EQ(bus.slaves[i].found.image, expected.slaves[i].found.image) << i;
+      EXPECT_EQ(bus.slaves[i].found.features, expected.slaves[i].found.features) << i;
+      EXPECT_NEAR(bus.slaves[i].delay, expected.slaves[i].delay, 20) << i;
+    }
+    cell.next = cell.wire.now() + kMs;
+    cell.cycles(3000);
+    EXPECT_TRUE(cell.master->operational());
+    EXPECT_LT(cell.master->clock_difference(), 5000) << "ns";
+  }
 }
 
 /// Two emulated drives whose answers are damaged before they are read.
