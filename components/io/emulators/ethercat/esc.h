@@ -68,6 +68,8 @@ class Esc {
   void set_al_status(std::uint16_t status, AlCode code);
   std::uint16_t al_status() const { return word(reg::kAlStatus); }
   bool watchdog_expired() const { return watchdog_expired_; }
+  /// When outputs with the watchdog were written last, ns.
+  std::int64_t outputs_at() const { return triggered_; }
 
   struct SyncManager {
     std::uint16_t start = 0, length = 0;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <string>
+#include <utility>
 
 #include "components/io/ethercat/little_endian.h"
 
@@ -15,7 +16,8 @@ using cia402::Mode;
 using DriveState = cia402::State;
 
 constexpr std::int64_t kStep = 125'000;                 // ns, of the integration
-constexpr std::int64_t kLongestInterval = 100'000'000;  // ns between targets; after longer ones it does not interpolate
+constexpr std::int64_t kLongestInterval = 100'000'000;  // ns between outputs; longer ones are a break
+constexpr std::int64_t kAveraged = 16;                  // intervals
 constexpr std::int64_t kLongestGap = 1'000'000'000;     // ns without a frame or a tick that are integrated
 constexpr double kStands = 10;                          // counts/s
 constexpr double kBrake = 50;                           // 1/s
@@ -97,7 +99,7 @@ void ServoDrive::restart() {
   control_ = error_ = 0;
   v_ = a_ = 0;
   moving_ = limited_ = false;
-  interval_ = 0;
+  interval_ = period_ = written_ = 0;
   homing_ = Homing::kIdle;
   offset_ = 0;
 }
@@ -176,7 +178,17 @@ double ServoDrive::within_limits(double position) const {
   return least < most ? std::clamp(position, least, most) : position;
 }
 
-/// The way to a new target takes as long as the last one was valid.
+void ServoDrive::measure_period() {
+  const std::int64_t before = std::exchange(written_, esc().outputs_at()), last = written_ - before;
+  if (before == 0 || last <= 0 || last > kLongestInterval) return;
+  period_ = period_ == 0 ? last : period_ + (last - period_) / kAveraged;
+}
+
+double ServoDrive::interpolated(std::int64_t now) const {
+  return from_ + std::clamp(static_cast<double>(now - began_) / static_cast<double>(interval_), 0.0, 1.0) * (to_ - from_);
+}
+
+/// From where it is, in the time between two targets: a late one that is followed by one in time is no jump.
 void ServoDrive::set_target(const Targets& t, std::int64_t now) {
   const double target = within_limits(t.position) - offset_;
   limited_ = within_limits(t.position) != t.position;
@@ -185,8 +197,8 @@ void ServoDrive::set_target(const Targets& t, std::int64_t now) {
     began_ = now;
     interval_ = kLongestInterval;
   } else if (target != to_) {
-    interval_ = std::clamp<std::int64_t>(now - began_, 1, kLongestInterval);
-    from_ = interval_ < kLongestInterval ? to_ : target;
+    from_ = interpolated(now);
+    interval_ = std::max<std::int64_t>(period_, 1);
     to_ = target;
     began_ = now;
   }
@@ -202,9 +214,8 @@ double ServoDrive::acceleration(const Targets& t, std::int64_t now) const {
   const double most = static_cast<double>(objects().number(object::kMostSpeed, 0));
   const auto bounded = [&](double speed) { return most > 0 ? std::clamp(speed, -most, most) : speed; };
   if (mode_ == Mode::kPosition) {
-    const double share = std::clamp(static_cast<double>(now - began_) / static_cast<double>(interval_), 0.0, 1.0);
-    const double r = from_ + share * (to_ - from_);
-    const double dr = share < 1 ? (to_ - from_) / (1e-9 * static_cast<double>(interval_)) : 0;
+    const double r = interpolated(now);
+    const double dr = now - began_ < interval_ ? (to_ - from_) / (1e-9 * static_cast<double>(interval_)) : 0;
     return 2 * w * (bounded(dr + w / 2 * (r - x_)) - v_);
   }
   if (mode_ == Mode::kVelocity) return w * (bounded(t.velocity) - v_);
@@ -234,6 +245,7 @@ void ServoDrive::update(std::int64_t now) {
     now_ = now;
   }
   const Targets t = targets();
+  measure_period();
   obey(t);
   if (drive_ == DriveState::kOperationEnabled && mode_ == Mode::kPosition) set_target(t, now);
   now_ = std::max(now_, now - kLongestGap);

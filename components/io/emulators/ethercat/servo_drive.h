@@ -16,7 +16,7 @@ Sii servo_drive_sii();
 /// An emulated servo drive with the profile CiA 402 and its axis, in the modes csp, csv, cst and homing. No device of a manufacturer: what the
 /// standard leaves open is
 ///   axis        x'' = a, |a| ≤ kMostAcceleration; without voltage a brake stops it. In cst a = kAcceleration · torque − kFriction x'
-///   csp         a = ω² (r − x) + 2 ω (r' − x'), ω = kBandwidth; r goes from target to target within the time between the last two
+///   csp         a = ω² (r − x) + 2 ω (r' − x'), ω = kBandwidth; r goes to a new target within the mean time between outputs
 ///   csv         a = ω (target − x')
 ///   homing      methods 33 and 34, the next index pulse in negative and positive direction with 0x6099:2, and 37, where it is; the position there
 ///               becomes 0. Pulses are at the multiples of kTurn of an encoder that begins at 0 when the drive is switched on
@@ -59,6 +59,8 @@ class ServoDrive final : public Slave {
   void obey(const Targets& t);
   void fail(std::uint16_t code);
   void set_target(const Targets& t, std::int64_t now);
+  void measure_period();
+  double interpolated(std::int64_t now) const;
   void move(const Targets& t, std::int64_t now, double h);
   double acceleration(const Targets& t, std::int64_t now) const;
   void home(const Targets& t);
@@ -78,6 +80,7 @@ class ServoDrive final : public Slave {
   // Interpolation of csp.
   double from_ = 0, to_ = 0;               // counts
   std::int64_t began_ = 0, interval_ = 0;  // ns
+  std::int64_t written_ = 0, period_ = 0;  // ns: of the last outputs, mean between them
 };
 
 }  // namespace cotwin::ethercat
