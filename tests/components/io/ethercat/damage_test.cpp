@@ -162,21 +162,46 @@ TEST(DamagedFrames, DoNotKeepABusFromStartingAndGiveItNoWrongSlaves) {
   }
 }
 
+TEST(DamagedFrames, CountersThatDoNotFollowFromOneAnotherAreHeldOn) {
+  io::EtherCatEncoder encoder(true);
+  encoder.reset(1000);
+  std::vector<std::uint8_t> in(10);
+  const auto read = [&](std::int64_t counter) {
+    io::write_bits(in, 16, 32, static_cast<std::uint32_t>(counter));
+    encoder.advance(1e-3);
+    encoder.read(in, false, 0.02);
+    return encoder.counts();
+  };
+  read(1 << 20);  // the first one is damaged
+  std::int64_t counter = 7;
+  for (int i = 0; i < 50; ++i) read(++counter);
+  EXPECT_EQ(encoder.counts(), 49);
+  EXPECT_EQ(encoder.implausible(), 1);
+  for (int i = 0; i < 15; ++i) EXPECT_EQ(read(++counter + (std::int64_t{1} << (8 + i))), 49) << i;
+  EXPECT_EQ(encoder.jumps(), 0) << "five and more in a row, but at other places";
+  EXPECT_EQ(read(++counter), 65);
+  EXPECT_FALSE(encoder.uncertain);
+  for (int i = 0; i < 30; ++i) EXPECT_EQ(read(++counter + (std::int64_t{1} << (8 + i % 20))), 65) << i;
+  EXPECT_GE(encoder.jumps(), 1) << "longer than patience";
+  EXPECT_TRUE(encoder.uncertain);
+}
+
 /// Two emulated drives whose answers are damaged before they are read.
 struct Drives {
   /// Without `gives_speed` the process data have no speed.
-  explicit Drives(double rad_per_count = 1e-5, double dq_max = 1, bool gives_speed = true)
+  explicit Drives(double rad_per_count = 1e-5, double dq_max = 1, bool gives_speed = true,
+                  double q_max = std::numeric_limits<double>::infinity(), const char* mode = "position")
       : slaves(choices(gives_speed)),
         scale(2, rad_per_count),
         field(slaves, 2),
         wire(field.bus()),
         faulty(wire),
-        drives(slaves, io::joints_of(slaves, 2, "test"), axes(dq_max), nullptr, "test") {
+        drives(slaves, io::joints_of(slaves, 2, "test"), axes(dq_max, q_max), nullptr, "test") {
     const JointMeasures measures(nullptr);
     JointVariables joints(v, measures);
     drives.declare(v, joints);
     field.declare(v, joints);
-    assign_text(v.at("drive_mode"), "position");
+    assign_text(v.at("drive_mode"), mode);
     drives.initialise(1e-3, scale, offset, acknowledgement);
     field.initialise(0);
     field.apply(0);
@@ -197,9 +222,13 @@ struct Drives {
     }
     return all;
   }
-  static std::vector<trajectory::Axis> axes(double dq_max) {
+  static std::vector<trajectory::Axis> axes(double dq_max, double q_max) {
     std::vector<trajectory::Axis> result = trajectory::free_axes(2);
-    for (trajectory::Axis& axis : result) axis.dq_max = dq_max;
+    for (trajectory::Axis& axis : result) {
+      axis.dq_max = dq_max;
+      axis.q_min = -q_max;
+      axis.q_max = q_max;
+    }
     return result;
   }
   void step() {
@@ -284,6 +313,94 @@ TEST(DamagedFrames, MoveNoDriveAndStopAllIfTheyGoOn) {
   std::vector<std::string> sentences;
   d.drives.append_notes(sentences);
   EXPECT_THAT(sentences, Contains(HasSubstr("drive q1 gave positions or speeds that no motion explains")));
+}
+
+/// Makes the rig turn one bit of q1's position in the frames for which `runs` is true.
+std::size_t position_of(Drives& d) {
+  const BusSlave& q1 = d.master->bus().slaves[1];
+  const std::size_t bit = std::ranges::find(d.slaves[1].setup.inputs, cia402::object::kPosition, &Channel::index)->bit;
+  return d.master->bus().output_bytes + q1.inputs_at + bit / 8;
+}
+
+// Bit 31 flipped in any number of answers: beyond the limits of the joint it is no place, and within them (1e-9 rad per count: 2.1 rad) a jump that
+// leaves no offset when it ends.
+TEST(DamagedFrames, TheSameBitInManyAnswersLeavesNoOffset) {
+  for (const double scale : {1e-5, -1e-5, 1e-9}) {
+    for (const int answers : {1, 4, 5, 6, 7, 18}) {
+      SCOPED_TRACE(::testing::Message() << scale << ' ' << answers);
+      Drives d(scale, 1, true, 3);
+      for (int i = 0; i < 400 && !d.enabled(); ++i) d.step();
+      ASSERT_TRUE(d.enabled());
+      const std::size_t at = position_of(d);
+      d.faulty.changes = [&](std::span<std::uint8_t> frame) { flip(frame, at + 3, 7); };
+      for (int n = 0; n < answers; ++n) {
+        d.step();
+        EXPECT_LE(std::abs(d.measured.q[0]), 3);
+        EXPECT_LE(std::abs(d.measured.dq[0]), 1);
+      }
+      d.faulty.changes = nullptr;
+      for (int n = 0; n < 30; ++n) d.step();
+      EXPECT_NEAR(d.measured.q[0], 0, 1e-3);
+      EXPECT_EQ(d.acknowledgement.awaits(), answers > 4 && scale == 1e-9);
+      d.acknowledgement.begin("test");
+      for (int n = 0; n < 400; ++n) d.step();
+      EXPECT_NEAR(d.measured.q[0], 0, 1e-3) << "nothing moves";
+      EXPECT_TRUE(d.enabled());
+    }
+  }
+}
+
+TEST(DamagedFrames, AJumpInMonitorModeAwaitsAnAcknowledgement) {
+  Drives d(1e-9, 1, true, 3, "monitor");
+  for (int i = 0; i < 100; ++i) d.step();
+  EXPECT_FALSE(d.acknowledgement.awaits());
+  const std::size_t at = position_of(d);
+  d.faulty.changes = [&](std::span<std::uint8_t> frame) { flip(frame, at + 3, 7); };
+  for (int i = 0; i < 6; ++i) d.step();
+  EXPECT_TRUE(d.acknowledgement.awaits());
+  EXPECT_EQ(d.drives.implausible(), 5);
+}
+
+// Nothing that can be believed for longer than patience: the drives stop, although frames come.
+TEST(DamagedFrames, StopDrivesWhenNothingIsBelievedForTooLong) {
+  Drives d(1e-5, 1, true, 3);
+  for (int i = 0; i < 400 && !d.enabled(); ++i) d.step();
+  const std::size_t at = position_of(d);
+  int n = 0;
+  d.faulty.changes = [&](std::span<std::uint8_t> frame) { flip(frame, at + 2, static_cast<unsigned>(++n % 3) + 3); };
+  for (int i = 0; i < 30; ++i) d.step();
+  EXPECT_FALSE(d.enabled());
+  EXPECT_TRUE(d.acknowledgement.awaits());
+  EXPECT_NEAR(d.measured.q[0], 0, 1e-9);
+}
+
+// Steps of the twin that come late and then at once: what is sent within a cycle of the drive is one step together.
+TEST(DamagedFrames, LateStepsAndLateFramesGiveNoTwoTargetsInACycle) {
+  Drives d(1e-7, 0.5);
+  for (int i = 0; i < 400 && !d.enabled(); ++i) d.step();
+  ASSERT_TRUE(d.enabled());
+  d.command.q = {100, -100};
+  for (int i = 0; i < 700; ++i) d.step();
+  const BusSlave& q1 = d.master->bus().slaves[1];
+  const std::size_t bit = std::ranges::find(d.slaves[1].setup.outputs, cia402::object::kTargetPosition, &Channel::index)->bit;
+  const auto target = [&] { return 1e-7 * static_cast<std::int32_t>(io::read_bits(d.master->outputs(1), bit, 32)); };
+  ASSERT_GT(q1.setup.output_bytes, 0u);
+  std::mt19937 random(5);
+  std::int64_t due = d.next, sent = d.wire.now();
+  double before = target(), way = 0;
+  for (int i = 0; i < 3000; ++i) {
+    due += kMs;
+    const bool late = random() % 10 == 0;
+    d.next = std::max(d.wire.now(), due + (late ? static_cast<std::int64_t>(random() % (3 * kMs)) : 0)) - kMs;
+    d.faulty.loss = random() % 20 == 0 ? 1 : 0;
+    d.step();
+    const double now = target(), elapsed = 1e-9 * static_cast<double>(d.next - sent);
+    ASSERT_LE(std::abs(now - before), 1.01 * 0.5 * std::min(elapsed, 1e-3) + 1e-6) << i << ' ' << elapsed;
+    way += now - before;
+    before = now;
+    sent = d.next;
+  }
+  EXPECT_GT(way, 0.6 * 0.5 * 3) << "the motion goes on";
 }
 
 // A time of 64 bits may be anything, and its differences overflow.

@@ -184,6 +184,38 @@ TEST(EtherCatDriveStops, TorquesDoNotDriveAnAxisOutOfItsRange) {
   EXPECT_LT(a.axis(0), 0.6);
 }
 
+TEST(EtherCatDriveStops, NoDriveIsEnabledWhileOneStandsOutsideOfItsRange) {
+  for (const std::string mode : {"position", "velocity", "torque"}) {
+    for (const bool returns : {false, true}) {
+      SCOPED_TRACE(mode);
+      Axes a(mode);
+      a.set("tau_scale", "0.01 0.01");
+      a.set("tau_command_max", "1 1");
+      a.set("q_command_max", "0.4 10");  // it stands at 0.5
+      if (returns) a.set("outside", "return");
+      a.start();
+      EXPECT_EQ(a.enables(), returns);
+      a.forget();
+      for (int n = 0; n < 2; ++n) {
+        if (!returns) a.acknowledge();
+        a.steps(1500);
+      }
+      EXPECT_EQ(a.boolean("awaits_acknowledgement"), !returns);
+      if (returns) {
+        EXPECT_NEAR(a.axis(0), mode == "torque" ? 0.5 : 0.4, 1e-4);
+        continue;
+      }
+      EXPECT_EQ(a.fastest, 0);
+      EXPECT_THAT(a.told(),
+                  Contains(HasSubstr("drive q1 (joint 1) stands at 0.5 rad, outside of q_command_min to q_command_max")));
+      EXPECT_THAT(a.instance.variables.at("warning").strings()[0], HasSubstr("drive q1 (joint 1) stands at 0.5 rad"));
+    }
+  }
+  Axes a("position");
+  a.set("outside", "maybe");
+  EXPECT_THAT(error_of([&] { a.start(); }), HasSubstr("outside"));
+}
+
 TEST(EtherCatDriveStops, TheLimitOfTorqueIsThatOfTheRobot) {
   Instance io = make_unit("unit:io?robot=ur5e&link=ethercat&slaves=EK1100,q1:DRIVE402", {},
                           {fs::path(places::source()) / "models"}, unit_types());
