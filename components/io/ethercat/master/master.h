@@ -132,6 +132,8 @@ class Master {
                                    std::int64_t deadline);
   bool bring_all_to(Wire& wire, State state, std::int64_t deadline);
 
+  static constexpr std::uint8_t kAcyclic = 0x80;  // indices of acyclic requests begin here
+
   BusSetup bus_;
   std::int64_t patience_;
   BusTime time_;
