@@ -18,6 +18,7 @@ std::vector<Axis> axes_of(const robot::RobotModel& robot) {
     axis.q_min = joint.q_min;
     axis.q_max = joint.q_max;
     axis.dq_max = joint.dq_max;
+    axis.tau_max = joint.tau_max;
     axes.push_back(axis);
   }
   return axes;

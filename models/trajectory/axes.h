@@ -23,6 +23,7 @@ struct Axis {
   double dq_max = +std::numeric_limits<double>::infinity();
   double ddq_max = +std::numeric_limits<double>::infinity();
   double dddq_max = +std::numeric_limits<double>::infinity();
+  double tau_max = +std::numeric_limits<double>::infinity();  // N.m or N
   friend bool operator==(const Axis&, const Axis&) = default;
 };
 

@@ -14,8 +14,9 @@ namespace {
 using C = Command;
 using M = Monitoring;
 
-constexpr double kSilentPeriods = 20;      // send periods without a message: not connected
-constexpr double kJitterShare = 1.0 / 16;  // RFC 3550, 6.4.1
+constexpr double kSilentPeriods = 20;          // send periods without a message: not connected
+constexpr double kJitterShare = 1.0 / 16;      // RFC 3550, 6.4.1
+constexpr std::int64_t kJump = 1'000'000'000;  // ns, of a clock; time stamps of LWR are single floats
 
 unsigned bits_of(Protocol protocol) { return protocol == Protocol::kLwr ? 16 : 32; }
 
@@ -102,11 +103,29 @@ Fault Client::fault_of(std::span<const std::uint8_t> bytes, bool stranger) {
 /// Whether a message that is `messages` after the newest one, and came `elapsed` ns later, can be of the same session. A controller
 /// that has begun anew may have any counters and time stamps: more messages than there was time for, or a clock that jumps.
 bool Client::continues(const Monitoring& message, std::int64_t messages, std::int64_t elapsed) const {
-  constexpr std::int64_t kJump = 1'000'000'000;  // ns; time stamps of LWR are single floats
   const auto passed = messages * static_cast<std::int64_t>(std::min(message.send_period, monitoring().send_period) * 1e9);
   if (messages > 1 && passed > elapsed + longest_silence()) return false;
   const bool timed = message.has(M::kTime) && monitoring().has(M::kTime);
   return !timed || std::abs(message.time - monitoring().time - passed) <= kJump + elapsed;
+}
+
+/// Whether a message at `position` in the stream, newer than all before, has to wait for the next one: one that `elapsed` ns since the newest one do
+/// not explain and that does not follow from one that waits.
+bool Client::waits(const Monitoring& message, std::int64_t position, std::int64_t elapsed) {
+  constexpr std::int64_t kMostBetween = 16;
+  constexpr double kCatchUp = 1e-3;  // the clocks of both sides differ by up to 2e-4
+  const double period = std::min(message.send_period, monitoring().send_period) * 1e9;
+  const std::int64_t messages = position - newest_position_, since = position - waiting_;
+  // A message may be late, but not earlier than those before by more than half a period.
+  const double late = late_ + static_cast<double>(elapsed) - static_cast<double>(messages) * period;
+  const bool fits = continues(message, messages, elapsed) && (messages == 1 || late >= -period / 2);
+  const auto expected = waiting_time_ + static_cast<std::int64_t>(static_cast<double>(since) * period);
+  const bool timely = !message.has(M::kTime) || std::abs(message.time - expected) <= kJump;
+  const bool follows = waiting_ != 0 && since > 0 && since <= kMostBetween && timely;
+  waiting_ = fits || follows ? 0 : position;
+  waiting_time_ = message.time;
+  if (waiting_ == 0) late_ = (1 - kCatchUp) * std::max(late, 0.0);
+  return waiting_ != 0;
 }
 
 Client::Reception Client::receive(std::span<const std::uint8_t> bytes, const net::Endpoint& from, std::int64_t arrival,
@@ -119,6 +138,9 @@ Client::Reception Client::receive(std::span<const std::uint8_t> bytes, const net
   SequenceTracker& tracker = statistics_.monitoring;
   const std::uint64_t restarts = tracker.restarts();
   if (started_ && other) tracker.forget();
+  const std::int64_t elapsed = std::max(arrival - latest_, host - latest_host_), ahead = tracker.ahead(message.counter);
+  const bool newer = started_ && !other && !lost && !silent && ahead > 0 && ahead <= SequenceTracker::kLargestGap;
+  if (newer && waits(message, newest_position_ + ahead, elapsed)) return Reception::kRefused;
   const SequenceTracker::Arrival order = tracker.add(message.counter, silent);
   if (order == SequenceTracker::Arrival::kDuplicate || order == SequenceTracker::Arrival::kStale) return Reception::kRefused;
   position_ = tracker.position();
@@ -126,7 +148,6 @@ Client::Reception Client::receive(std::span<const std::uint8_t> bytes, const net
   answering_ = message.counter;
   if (order == SequenceTracker::Arrival::kNew) {
     const bool begun = started_ && (other || tracker.restarts() != restarts);
-    const std::int64_t elapsed = std::max(arrival - latest_, host - latest_host_);
     const bool jumped = started_ && !begun && !continues(message, position_ - newest_position_, elapsed);
     if (jumped) tracker.begin_at_newest();
     const bool anew = begun || jumped, reopened = monitoring().state == SessionState::kIdle;
@@ -154,6 +175,8 @@ void Client::begin_session() {
   sent_.F.setZero();
   answered_ = position_ - 1;
   since_answer_ = 0;
+  waiting_ = 0;
+  late_ = 0;
   has_reflected_ = false;
   ++statistics_.sessions;
 }

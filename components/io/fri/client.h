@@ -54,6 +54,8 @@ Fault usability(const Monitoring& message);
 ///   COMMANDING_ACTIVE  (LWR: CMD) sends the wanted values that the command mode asks for
 /// LWR: the set of commanded quantities (`fields`) is that of the last answer before CMD, because it must not change in CMD.
 /// Every message that is not a duplicate is answered, unless the receive multiplier says otherwise or the state is IDLE.
+/// A message with a counter or a time stamp that is earlier or later than it can be waits for the next one. If that does not go on from there, it is lost;
+/// otherwise the controller has begun anew, or messages were.
 /// A new session (ClientStatistics::sessions) begins at the position that the robot commands, else at the measured one.
 class Client {
  public:
@@ -73,8 +75,9 @@ class Client {
   /// and transformations; its counters are ignored. Quantities that are not finite are replaced by those sent before.
   std::span<const std::uint8_t> answer(const Command& wanted, std::int64_t now);
 
-  /// The newest message.
+  /// The newest message. A caller may replace values in it that it does not believe before it answers.
   const Monitoring& monitoring() const { return messages_[newest_]; }
+  Monitoring& monitoring() { return messages_[newest_]; }
   /// The answer sent last.
   const Command& sent() const { return sent_; }
   bool connected(std::int64_t now) const;
@@ -94,6 +97,7 @@ class Client {
  private:
   Fault fault_of(std::span<const std::uint8_t> bytes, bool stranger);
   bool continues(const Monitoring& message, std::int64_t messages, std::int64_t elapsed) const;
+  bool waits(const Monitoring& message, std::int64_t position, std::int64_t elapsed);
   void begin_session();
   void note_interval(const Monitoring& message, std::int64_t arrival);
   void note_reflected(std::uint32_t reflected, std::int64_t arrival);
@@ -113,12 +117,15 @@ class Client {
   bool started_ = false;
   std::int64_t latest_ = 0, latest_host_ = 0;  // ns, arrival of the newest message
   std::int64_t newest_position_ = 0;           // of the newest message
-  std::int64_t arrival_ = 0, position_ = 0;    // of the message to be answered
-  std::uint32_t answering_ = 0;                // its counter
-  std::int64_t answered_ = 0;                  // position of the newest message that was answered
-  std::uint32_t since_answer_ = 0;             // messages, for the receive multiplier
-  std::uint32_t counter_ = 0;                  // of the next answer, modulo 2³²
-  std::uint32_t reflected_ = 0;                // newest answer that was reflected
+  std::int64_t waiting_ = 0,
+               waiting_time_ = 0;            // position and time stamp (ns) of the last message, if it waits; 0: it does not
+  double late_ = 0;                          // ns by which the newest message was later than the earliest ones
+  std::int64_t arrival_ = 0, position_ = 0;  // of the message to be answered
+  std::uint32_t answering_ = 0;              // its counter
+  std::int64_t answered_ = 0;                // position of the newest message that was answered
+  std::uint32_t since_answer_ = 0;           // messages, for the receive multiplier
+  std::uint32_t counter_ = 0;                // of the next answer, modulo 2³²
+  std::uint32_t reflected_ = 0;              // newest answer that was reflected
   bool has_reflected_ = false;
   std::array<std::int64_t, 256> sent_times_{};  // ns, of the latest answers
 };

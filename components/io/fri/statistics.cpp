@@ -71,8 +71,8 @@ SequenceTracker::Arrival SequenceTracker::add(std::uint32_t number, bool silent)
     begin(number);
     return Arrival::kNew;
   }
-  const unsigned shift = 32 - bits_;  // the difference as a signed number of `bits_` bits
-  const std::int64_t difference = static_cast<std::int32_t>((number - number_) << shift) >> shift;
+  const unsigned shift = 32 - bits_;
+  const std::int64_t difference = ahead(number);
   position_ = newest_ + difference;
   if (difference > 0 && difference <= kLargestGap) {
     gap_ = static_cast<std::uint64_t>(difference - 1);

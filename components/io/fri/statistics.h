@@ -55,6 +55,11 @@ class SequenceTracker {
   /// `silent`: nothing newer came for so long that stragglers have come, too. Then an old one that comes twice is that of a sender
   /// that has begun anew and repeats its first packet.
   Arrival add(std::uint32_t number, bool silent = false);
+  /// How far a number is after the newest one; negative: before.
+  std::int64_t ahead(std::uint32_t number) const {
+    const unsigned shift = 32 - bits_;  // the difference as a signed number of `bits_` bits
+    return static_cast<std::int32_t>((number - number_) << shift) >> shift;
+  }
   /// The packet that was added last, newer than all before, is the first of a sender that has begun anew: the gap before it is
   /// no loss.
   void begin_at_newest();

@@ -56,7 +56,9 @@ JumpDetector::JumpDetector(std::span<const trajectory::Axis> axes)
 
 void JumpDetector::declare(Variables& v, const std::string& what) {
   v.output("implausible", implausible_,
-           what + " with a position, speed or time that no motion explains, which were not used; 5 in a row are a jump");
+           what +
+               " with a position, speed, time, torque or force that no motion or hit explains, which was not used; 5 positions "
+               "in a row are a jump");
 }
 
 void JumpDetector::begin() {
@@ -64,11 +66,16 @@ void JumpDetector::begin() {
   implausible_ = 0;
 }
 
+void JumpDetector::count_implausible() {
+  if (implausible_ < std::numeric_limits<std::int32_t>::max()) ++implausible_;
+}
+
 void JumpDetector::append_notes(std::vector<std::string>& sentences, const std::string& one) const {
   if (implausible_ == 0) return;
-  sentences.push_back(text::counted(implausible_, one) +
-                      " not used, with a position, speed or time that no motion explains (damaged, of another scale, or beyond "
-                      "twice the limit of speed that the URDF gives the joint)");
+  sentences.push_back(
+      text::counted(implausible_, one) +
+      " not used or not wholly, with a position, speed, time, torque or force that no motion or hit explains "
+      "(damaged, of another scale, or beyond twice the speed or ten times the effort of the joint in the URDF)");
 }
 
 void JumpDetector::set_resolution(std::size_t i, double resolution) {
@@ -128,7 +135,7 @@ JumpDetector::Verdict JumpDetector::add(std::span<const double> q, double elapse
     believed_.append(q, since_);
   } else {
     ++in_a_row_;
-    if ((!begins || !(first || follows)) && implausible_ < std::numeric_limits<std::int32_t>::max()) ++implausible_;
+    if (!begins || !(first || follows)) count_implausible();
     if (!possible || !is_confirmed(q)) return Verdict::kHeld;
     believed_ = recent_;
   }

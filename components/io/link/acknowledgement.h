@@ -71,7 +71,9 @@ class JumpDetector {
   Verdict add(std::span<const double> q, double elapsed, bool in_time = true, bool possible = true);
   /// Whether joint i can have this measured speed, rad/s.
   bool allows(std::size_t i, double dq) const { return std::abs(dq) <= fastest_[i]; }
-  /// Positions that were not plausible since begin().
+  /// Counts a message that is not plausible for another reason.
+  void count_implausible();
+  /// Messages that were not plausible since begin().
   std::int32_t implausible() const { return implausible_; }
   /// Appends a sentence if there were any; `one`: "message".
   void append_notes(std::vector<std::string>& sentences, const std::string& one) const;

@@ -1,6 +1,7 @@
 // What the messages of a KUKA robot are answered: fri_link.h.
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <cmath>
 
 #include "components/io/fri/finite.h"
 #include "components/io/links/fri_link.h"
@@ -117,6 +118,7 @@ void FriLink::follow(double elapsed) {
   const fri::Joints& robot = own ? m.q_interpolator : place;
   const bool commanding = client_->commanding() && drives();
   if (following_ && !commanding) demand_acknowledgement();
+  bool near = true;  // what was sent last
   if (!commanding) {
     synchronisation_.start({robot.data(), n_});
     wanted_.X = m.X_commanded;
@@ -126,9 +128,12 @@ void FriLink::follow(double elapsed) {
   } else if (!following_) {
     // Commanding begins at the last position sent before it.
     const fri::Command& sent = client_->sent();
-    synchronisation_.start({sent.has(fri::Command::kPosition) ? sent.q.data() : robot.data(), n_});
+    const bool sends = sent.has(fri::Command::kPosition);
+    for (std::size_t i = 0; i < n_ && sends; ++i) near = near && std::abs(sent.q[i] - robot[i]) <= BelievedSetPoint::kFarthest;
+    synchronisation_.start({sends && near ? sent.q.data() : robot.data(), n_});
     if (sent.has(fri::Command::kPose)) wanted_.X = sent.X;
   }
+  if (commanding && !following_ && !(near && set_point_.believed() && pose_.believed())) demand_acknowledgement();
   following_ = commanding;
   refuses_ = commanding && (client_->taken() & quantity()) == 0;
   follows_ = commanding && may_follow();

@@ -53,6 +53,13 @@ void write(const Pose& X, std::array<double, 3>& p, std::array<double, 4>& quat)
   quat = {Q.w(), Q.x(), Q.y(), Q.z()};
 }
 
+/// Of the numbers of a rotation matrix and a position.
+std::vector<trajectory::Axis> axes_of_pose() {
+  std::vector<trajectory::Axis> axes = trajectory::free_axes(12);
+  for (trajectory::Axis& axis : axes) axis.dq_max = 5;  // 1/s, m/s
+  return axes;
+}
+
 }  // namespace
 
 FriLink::FriLink(Settings& settings, std::vector<trajectory::Axis> joints)
@@ -61,6 +68,11 @@ FriLink::FriLink(Settings& settings, std::vector<trajectory::Axis> joints)
       datagrams_(*this),
       synchronisation_(n_),
       jumps_(joints),
+      tau_(joints),
+      tau_external_(joints),
+      F_external_(settings.robot_used() != nullptr ? joints : trajectory::free_axes(6), 6),
+      set_point_(joints),
+      pose_(axes_of_pose()),
       port_(default_port(protocol_)),
       dq_command_max_(n_, kSafeSpeed),
       writes_(settings.text("io_write"), fri::Io::Direction::kOutput, kFriPlace + "&io_write"),
@@ -77,6 +89,7 @@ FriLink::FriLink(Settings& settings, std::vector<trajectory::Axis> joints)
       reads_(settings.text("io_read"), fri::Io::Direction::kInput, kFriPlace + "&io_read"),
       inputs_(n_) {
   fri::check_joints(protocol_, n_, kFriPlace);
+  if (settings.robot_used() != nullptr) kinematics_.emplace(*settings.robot_used());
   for (std::size_t i = 0; i < n_; ++i) {
     if (joints[i].dq_max > 0) dq_command_max_[i] = std::min(kSafeSpeed, joints[i].dq_max);
   }
@@ -156,6 +169,7 @@ void FriLink::initialise(Time start, Measured& measured) {
   connected_ = commanding_ = following_ = follows_ = begins_ = was_connected_ = false;
   state_ = quality_ = command_mode_ = losses_ = refused_ = unsent_ = restarts_ = 0;
   jumps_.begin();
+  forget();
   sessions_ = 0;
   inputs_ = Inputs(n_);
   wanted_ = {};
@@ -166,7 +180,6 @@ void FriLink::initialise(Time start, Measured& measured) {
   p_ = {};
   quat_ = {1, 0, 0, 0};
   counts_ = {};
-  position_ = answered_ = offered_ = -1;
   host_ = monotonic_now();
   at_ = start.ns;
   waiting_ = false;
@@ -281,7 +294,8 @@ bool FriLink::take(const DatagramQueue::Datagram& datagram, std::int64_t arrival
   const auto reception = client_->receive(datagram.bytes, datagram.from, arrival, datagram.arrival);
   if (reception == fri::Client::Reception::kRefused) return false;
   if (client_->statistics().sessions != sessions_) begin_session();
-  if (!is_believed()) {
+  const bool believed = is_believed();
+  if (!believed) {
     // The first message of a session: a controller may wait for its answer.
     if (position_ >= 0 || client_->commanding() || reception != fri::Client::Reception::kAnswerDue) return false;
     begins_ = true;
@@ -295,17 +309,24 @@ bool FriLink::take(const DatagramQueue::Datagram& datagram, std::int64_t arrival
     }
     repeat_at_ = monotonic_now() + repetition();
   }
-  return client_->statistics().monitoring.newest() != position_;
+  return believed && client_->statistics().monitoring.newest() != position_;
 }
 
 void FriLink::begin_session() {
   if (sessions_ > 0) demand_acknowledgement();
   sessions_ = client_->statistics().sessions;
-  position_ = answered_ = offered_ = -1;
-  jumps_.forget();
-  following_ = follows_ = false;
+  forget();
   begins_ = true;
   wanted_.krl = {};
+}
+
+/// What follows is of another session.
+void FriLink::forget() {
+  position_ = answered_ = offered_ = -1;
+  jumps_.forget();
+  for (BelievedTorques* torques : {&tau_, &tau_external_, &F_external_}) torques->forget();
+  for (BelievedSetPoint* place : {&set_point_, &pose_}) place->forget();
+  following_ = follows_ = own_ = false;
 }
 
 /// Whether a motion explains the position of the newest message; otherwise it counts as lost. A robot that jumps is somewhere else than the
@@ -313,7 +334,7 @@ void FriLink::begin_session() {
 bool FriLink::is_believed() {
   const fri::Monitoring& m = client_->monitoring();
   const std::int64_t newest = client_->statistics().monitoring.newest();
-  if (newest == position_) return true;
+  if (newest == position_ || newest == offered_) return newest == position_;
   const bool same_period = position_ < 0 || m.send_period == period_;
   const double period = position_ < 0 ? m.send_period : period_;
   const double elapsed = offered_ >= 0 ? period * static_cast<double>(newest - offered_) : 0;
@@ -324,7 +345,49 @@ bool FriLink::is_believed() {
     begins_ = true;
     position_ = -1;  // no speed leads there
   }
+  examine_torques();
+  examine_set_point(elapsed, verdict != JumpDetector::Verdict::kHeld);
   return verdict != JumpDetector::Verdict::kHeld;
+}
+
+void FriLink::examine_torques() {
+  const fri::Monitoring& m = client_->monitoring();
+  const std::span<const double> tau{m.tau_measured.data(), n_}, tau_external{m.tau_external.data(), n_};
+  bool sound = !m.has(fri::Monitoring::kMeasuredTorque) || tau_.add(tau);
+  if (m.has(fri::Monitoring::kExternalTorque)) sound = tau_external_.add(tau_external) && sound;
+  if (m.has(fri::Monitoring::kExternalWrench)) {
+    const std::span<const double> F{m.F_external.data(), 6};
+    fri::Joints of_F{};
+    if (kinematics_) kinematics_->torques_of(m.F_external, {m.q_measured.data(), n_}, {of_F.data(), n_});
+    sound = F_external_.add(kinematics_ ? std::span<const double>(of_F.data(), n_) : F, F) && sound;
+  }
+  if (!sound) jumps_.count_implausible();
+}
+
+/// Where a command would begin: in the newest message it is replaced by what is believed. `measured`: whether its measured position is.
+void FriLink::examine_set_point(double elapsed, bool measured) {
+  fri::Monitoring& m = client_->monitoring();
+  const bool goes_on = client_->commanding() && drives() && (following_ || begins_);
+  const bool own = m.has(fri::Monitoring::kInterpolatorPosition) && protocol_ != fri::Protocol::kLwr && !goes_on;
+  const bool commanded = m.has(fri::Monitoring::kCommandedPosition);
+  if (own != std::exchange(own_, own) && !commanded) set_point_.forget();  // it was the measured position, or is
+  const bool yields = m.has(fri::Monitoring::kControlMode) &&
+                      (m.control == fri::ControlMode::kCartesianImpedance || m.control == fri::ControlMode::kJointImpedance);
+  fri::Joints q = own ? m.q_interpolator : commanded ? m.q_commanded : m.q_measured;
+  set_point_.take({q.data(), n_}, {m.q_measured.data(), n_}, elapsed, measured, yields);
+  if (own || commanded) (own ? m.q_interpolator : m.q_commanded) = q;
+  Pose& X = protocol_ == fri::Protocol::kLwr ? m.X_commanded : m.X_interpolator;
+  if (!m.has(protocol_ == fri::Protocol::kLwr ? fri::Monitoring::kCommandedPose : fri::Monitoring::kInterpolatorPose)) return;
+  const Pose& beside = m.has(fri::Monitoring::kMeasuredPose) ? m.X_measured : X;
+  const auto numbers = [](const Pose& pose) {
+    std::array<double, 12> x;
+    Eigen::Map<Eigen::Matrix3d>(x.data()) = pose.R;
+    Eigen::Map<Eigen::Vector3d>(x.data() + 9) = pose.p;
+    return x;
+  };
+  std::array<double, 12> x = numbers(X);
+  pose_.take(x, numbers(beside), elapsed, measured, true);
+  X = {Eigen::Map<Eigen::Matrix3d>(x.data()), Eigen::Map<Eigen::Vector3d>(x.data() + 9)};
 }
 
 void FriLink::measure(Measured& measured) {
@@ -334,8 +397,8 @@ void FriLink::measure(Measured& measured) {
   position_ = newest;
   measured.elapsed += elapsed;
   const double old = dq_cutoff_ > 0 ? std::exp(-2 * std::numbers::pi * dq_cutoff_ * elapsed) : 0;
-  measured.has_tau = m.has(fri::Monitoring::kMeasuredTorque);
-  measured.has_tau_e = m.has(fri::Monitoring::kExternalTorque);
+  measured.has_tau = m.has(fri::Monitoring::kMeasuredTorque) && tau_.known();
+  measured.has_tau_e = m.has(fri::Monitoring::kExternalTorque) && tau_external_.known();
   const bool gives_tau_e = measured.has_tau_e && (!tau_e_gated_ || follows_);
   if (elapsed <= 0) {  // the first message of a session
     std::ranges::fill(measured.dq, 0);
@@ -349,8 +412,8 @@ void FriLink::measure(Measured& measured) {
       measured.dq[i] = dq;
     }
     measured.q[i] = m.q_measured[i];
-    measured.tau[i] = measured.has_tau ? m.tau_measured[i] : 0;
-    measured.tau_e[i] = gives_tau_e ? m.tau_external[i] : 0;
+    measured.tau[i] = measured.has_tau ? tau_.torques()[i] : 0;
+    measured.tau_e[i] = gives_tau_e ? tau_external_.torques()[i] : 0;
     if (m.has(fri::Monitoring::kCommandedPosition)) q_robot_[i] = m.q_commanded[i];
     if (m.has(fri::Monitoring::kInterpolatorPosition)) q_own_[i] = m.q_interpolator[i];
   }
@@ -358,7 +421,7 @@ void FriLink::measure(Measured& measured) {
   period_ = m.send_period;
   if (m.has(fri::Monitoring::kTime)) t_robot_ = static_cast<double>(m.time) / 1e9;
   if (m.has(fri::Monitoring::kMeasuredPose)) write(m.X_measured, p_, quat_);
-  if (m.has(fri::Monitoring::kExternalWrench)) Eigen::Map<Wrench>(F_e_.data()) = m.F_external;
+  if (m.has(fri::Monitoring::kExternalWrench)) std::ranges::copy(F_external_.along(), F_e_.begin());
   krl_.read(m.krl);
   reads_.read(m.ios);
 }
@@ -366,9 +429,7 @@ void FriLink::measure(Measured& measured) {
 void FriLink::note_loss(Measured& measured) {
   ++losses_;
   demand_acknowledgement();
-  position_ = answered_ = offered_ = -1;
-  jumps_.forget();
-  following_ = follows_ = false;
+  forget();
   std::ranges::fill(measured.dq, 0);
   std::ranges::fill(measured.ddq, 0);
   std::ranges::fill(measured.tau_e, 0);

@@ -7,9 +7,11 @@
 
 #include "components/io/fri/client.h"
 #include "components/io/link/acknowledgement.h"
+#include "components/io/link/believed.h"
 #include "components/io/link/datagram_queue.h"
 #include "components/io/link/fri_values.h"
 #include "components/io/link/link.h"
+#include "components/io/link/robot_kinematics.h"
 #include "components/io/links/gain_check.h"
 #include "components/io/links/synchronisation.h"
 #include "components/unit/settings.h"
@@ -89,7 +91,10 @@ class FriLink final : public Link {
   bool take(const DatagramQueue::Datagram& datagram, std::int64_t arrival, std::int64_t now);
   std::int64_t repetition() const;
   void begin_session();
+  void forget();
   bool is_believed();
+  void examine_torques();
+  void examine_set_point(double elapsed, bool measured);
   bool robot_ready() const;
   void demand_acknowledgement() {
     if (drives()) acknowledgement_.demand();
@@ -109,6 +114,9 @@ class FriLink final : public Link {
   GainCheck gains_{150};
   Acknowledgement acknowledgement_;
   JumpDetector jumps_;
+  BelievedTorques tau_, tau_external_, F_external_;  // the force by its joint torques
+  BelievedSetPoint set_point_, pose_;
+  std::optional<RobotKinematics> kinematics_;  // if the robot's URDF is given
   fri::Command wanted_;
   fri::Monitoring seen_;  // by the clock
   // Parameters.
@@ -149,6 +157,7 @@ class FriLink final : public Link {
   bool following_ = false;          // the robot takes commands; else its own position is mirrored
   bool follows_ = false;            // and they are those of the inputs
   bool begins_ = false;             // the next answer begins where the robot is: the first of a session, or after a jump
+  bool own_ = false;                // the last set point was that of the robot's own motion
   std::uint64_t sessions_ = 0;
   bool was_connected_ = false;
   bool waiting_ = false;  // for the first message, in the initialisation

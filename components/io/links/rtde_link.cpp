@@ -37,6 +37,9 @@ RtdeLink::RtdeLink(Settings& settings, const std::vector<trajectory::Axis>& join
     : n_(joints.size()),
       synchronisation_(n_),
       jumps_(joints),
+      tau_(joints),
+      F_(settings.robot_used() != nullptr ? joints : trajectory::free_axes(rtde::kJoints), 6),
+      set_point_(joints),
       dq_command_max_(n_, kSafeSpeed),
       torque_per_current_(n_),
       K_P_(n_),
@@ -45,7 +48,8 @@ RtdeLink::RtdeLink(Settings& settings, const std::vector<trajectory::Axis>& join
       q_sent_(n_),
       e_(n_),
       current_(n_),
-      q_wanted_(n_) {
+      q_wanted_(n_),
+      q_target_(n_) {
   if (n_ != rtde::kJoints) throw Error(kRtdePlace, std::to_string(n_) + " joints, expected 6, as RTDE has them");
   for (std::size_t i = 0; i < n_; ++i) {
     if (joints[i].dq_max > 0) dq_command_max_[i] = std::min(kSafeSpeed, joints[i].dq_max);
@@ -54,96 +58,6 @@ RtdeLink::RtdeLink(Settings& settings, const std::vector<trajectory::Axis>& join
 }
 
 Link::Needs RtdeLink::needs() const { return {mode_ != "monitor", false}; }
-
-void RtdeLink::declare(Variables& v, JointVariables& joints) {
-  Variables::Declared digital = v.input("digital_command", digital_command_,
-                                        "standard digital outputs 0 to 7 as bits, of which those of digital_mask are written");
-  if (digital_mask_ != 0 && mode_ != "monitor") digital.required();
-  v.input("double_command", double_command_, "1",
-          "input double registers 24 to 47, written if `registers` is set; mode=position writes 24 to 29 itself");
-  v.input("int_command", int_command_, "input int registers 24 to 47, likewise; mode=position writes 24 and 25 itself");
-
-  v.output("connected", connected_, "whether data of the robot come");
-  v.output("state", state_,
-           "of the program on the robot: 0 off (also while it does not play), 1 waiting, 2 following, 3 stopped after a loss "
-           "of commands, 4 stopped because commands were too far or the robot jumped, 5 waiting for the end of a request from "
-           "before");
-  v.output("commanding", commanding_, "whether the robot follows the commands of this unit");
-  v.output("robot_mode", robot_mode_, "as reported: 7 running, 5 idle, 3 power off, …");
-  v.output("safety", safety_, "safety mode, as reported: 1 normal, 2 reduced, 3 protective stop, …; 0: not known");
-  v.output("runtime", runtime_, "state of the robot's program, as reported: 1 stopped, 2 playing, 4 paused, …");
-  v.output("t_robot", t_robot_, "s", "time of the robot's clock").discrete();
-  v.output("speed_scaling", speed_scaling_, "1", "as reported").discrete();
-  joints.output("q_robot", q_robot_, "rad", "position that the robot commands (target_q)").discrete();
-  joints.output("q_sent", q_sent_, "rad", "commanded position that was sent last, with the synchronisation").discrete();
-  joints.output("e", e_, "rad", "discrepancy between q_command and the robot, from which the synchronisation corrects")
-      .discrete();
-  v.output("current", current_, "A", "motor currents, as reported").discrete();
-  v.output("F_e", F_e_, "1",
-           "force and moment on the tool, as reported: in the base frame, at the flange (e-Series) or the TCP (CB3), x y z "
-           "each, in N and N.m")
-      .discrete();
-  v.output("p", p_, "m", "position of the TCP, as reported").discrete();
-  v.output("quat", quat_, "1", "orientation of the TCP, as reported, (w, x, y, z)").discrete();
-  v.output("digital_in", digital_in_,
-           "digital inputs, as reported: bits 0 to 7 standard, 8 to 15 configurable, 16 and 17 tool");
-  v.output("digital_out", digital_out_, "digital outputs, as reported, likewise");
-  v.output("double_value", double_value_, "1", "output double registers 24 to 47").discrete();
-  v.output("int_value", int_value_, "output int registers 24 to 47");
-  v.output("version", version_, "of the controller's software: major, minor, bugfix, build");
-  v.output("received", received_, "data packages received");
-  v.output("skipped", skipped_,
-           "data packages that the robot left out, or that had no room between two steps, by its time stamps");
-  v.output("rejected", rejected_,
-           "packages that could not be read, with numbers that are not finite or larger than 1e9, or with a time stamp that "
-           "jumps by more than 1 h");
-  jumps_.declare(v, "packages");
-  v.output("sent", sent_, "commands sent");
-  v.output("unsent", unsent_, "commands that the network did not take in time");
-  v.output("refused", refused_,
-           "steps with data in which q_command or double_command was not finite, or q_command larger than 1e9: the last usable "
-           "values were sent");
-  v.output("connections", connections_, "how often a connection was set up");
-  v.output("losses", losses_, "how often the robot became silent");
-  v.output("jitter", jitter_, "s", "mean deviation of the interval between packages from the robot's time (RFC 3550)")
-      .discrete();
-  v.output("round_trip", round_trip_, "s",
-           "mean time from a command to the first package in which the robot's program reflects it")
-      .discrete();
-
-  v.parameter("controller", controller_, "IPv4 address of the robot's controller, perhaps with :port (30004)");
-  v.parameter("mode", mode_, "monitor: nothing is written; position: registers for the program follow.script");
-  v.parameter("frequency", frequency_, "Hz",
-              "of the data packages that the robot is asked for, at most 500 (e-Series) or 125 (CB3)")
-      .range(1, 1000);
-  v.parameter("timeout", timeout_, "s",
-              "without data for this time, or twenty packages if that is longer, the robot is not connected")
-      .range(1e-3, 3600);
-  v.parameter("wait", wait_, "s", "initialisation waits so long for the robot; 0: not").range(0, 3600);
-  v.parameter("ddq_cutoff", ddq_cutoff_, "Hz", "cutoff frequency of the first-order low-pass of ddq; 0: no filter")
-      .range(0, 1e6);
-  v.parameter("digital_mask", digital_mask_, "mode=position: standard digital outputs that this unit writes, as bits; 0: none")
-      .range(0, 255);
-  joints
-      .parameter("dq_command_max", dq_command_max_, "rad/s",
-                 "speed limit of commanded positions, at first the URDF's, but at most 0.5 rad/s; a twin that is elsewhere is "
-                 "approached "
-                 "with it")
-      .range(1e-6, 1e9);
-  v.parameter("registers", registers_,
-              "mode=position: all input registers 24 to 47 are written; other clients cannot write them then");
-  v.parameter("torque_per_current", torque_per_current_, "N.m/A",
-              "for tau where the controller does not give torques; 0: then there are none. UR does not publish it")
-      .range(0, 1e6);
-  v.tunable("command", command_, "q_command is followed; false: the last commanded position is held");
-  v.parameter("K_P", K_P_, "1", "proportional gain of the synchronisation of robot and twin").range(-0.999, 1e3);
-  v.parameter("K_D", K_D_, "s", "derivative gain of the synchronisation").range(-1e3, 1e3);
-  v.tunable("tau_e_gated", tau_e_gated_, "tau_e is given only while the robot follows commands, else 0");
-  acknowledgement_.declare(v, "nothing is commanded", "data of the robot come and it is ready");
-  v.parameter("ddq_command_max", ddq_command_max_, "rad/s2", "limit of the acceleration of commanded positions")
-      .range(1e-3, 1e9);
-  gains_.declare(v);
-}
 
 void RtdeLink::choose_mode() {
   enum class Mode : std::uint8_t { kMonitor, kPosition };
@@ -189,7 +103,6 @@ void RtdeLink::initialise(Time start, Measured& measured) {
   }
   measured.has_tau = measured.has_tau_e = measured.fresh = measured.done = false;
   connected_ = commanding_ = following_ = was_connected_ = false;
-  pose_fits_ = true;
   state_ = robot_mode_ = safety_ = runtime_ = digital_in_ = digital_out_ = 0;
   received_ = skipped_ = rejected_ = sent_ = unsent_ = refused_ = losses_ = connections_ = 0;
   t_robot_ = speed_scaling_ = jitter_ = round_trip_ = lost_time_ = elapsed_ = 0;
@@ -211,6 +124,7 @@ void RtdeLink::initialise(Time start, Measured& measured) {
   choose_mode();
   acknowledgement_.begin(kRtdePlace);
   jumps_.begin();
+  forget();
   constexpr double kDelay = 2;  // cycles: the package, and the command
   if (commands_) gains_.check(K_P_, K_D_, std::array{1 / frequency_}, kDelay, kRtdePlace);
   constexpr double kLeastSilence = 2;  // s
@@ -266,6 +180,29 @@ bool RtdeLink::read_all(Time now, Measured& measured) {
   return measured.fresh;
 }
 
+/// What follows is of another session.
+void RtdeLink::forget() {
+  jumps_.forget();
+  tau_.forget();
+  F_.forget();
+  set_point_.forget();
+  t_waiting_ = -1;
+  misfits_ = BelievedTorques::kMostHeld;
+}
+
+/// Whether the newest package is further ahead of the last one than time has passed, so that the next one has to go on from there. The robot may
+/// have left out packages; or the time stamp is damaged.
+bool RtdeLink::waits(double t, std::int64_t host, Time now) {
+  const double cycle = 1.5 / frequency_, since = t - t_robot_;
+  const double passed =
+      static_cast<double>(std::max(host - arrived_, now.ns - heard_)) / 1e9;  // scenarios without a clock may be faster
+  const bool ahead = connected_ && since > cycle && since > passed + cycle && since <= passed + patience();
+  const bool follows = t_waiting_ >= 0 && t > t_waiting_ && t - t_waiting_ <= passed + cycle;
+  if (t_waiting_ >= 0 && !(ahead && follows)) jumps_.count_implausible();
+  t_waiting_ = ahead && !follows ? t : -1;
+  return t_waiting_ >= 0;
+}
+
 /// Whether a motion of the robot explains the newest package. One that none does is not used; several in a row show that the robot is elsewhere
 /// or that its clock has begun anew.
 bool RtdeLink::is_believed(double t, std::int64_t host) {
@@ -280,6 +217,8 @@ bool RtdeLink::is_believed(double t, std::int64_t host) {
   if (in_time) t_offered_ = t;
   const JumpDetector::Verdict verdict = jumps_.add(joints("actual_q"), elapsed, in_time, possible);
   if (verdict == JumpDetector::Verdict::kJump) demand_acknowledgement();
+  std::ranges::copy(joints("target_q"), q_target_.begin());
+  set_point_.take(q_target_, joints("actual_q"), elapsed, verdict != JumpDetector::Verdict::kHeld, false);
   return verdict != JumpDetector::Verdict::kHeld;
 }
 
@@ -289,7 +228,7 @@ void RtdeLink::measure(Measured& measured, Time now) {
   const std::int64_t host = monotonic_now();
   elapsed_ = connected_ && t > t_robot_ && t - t_robot_ <= rtde::kLongestPause ? t - t_robot_ : 0;
   count(received_);
-  if (!is_believed(t, host)) return;
+  if (waits(t, host, now) || !is_believed(t, host)) return;
   heard_ = now.ns;
   if (elapsed_ > 0) {
     measured.elapsed += elapsed_;
@@ -301,7 +240,6 @@ void RtdeLink::measure(Measured& measured, Time now) {
   connected_ = was_connected_ = measured.fresh = true;
   const double old = ddq_cutoff_ > 0 ? std::exp(-2 * std::numbers::pi * ddq_cutoff_ * elapsed_) : 0;
   has_torque_ = c.has("actual_current_as_torque");
-  measured.has_tau = has_torque_ || std::ranges::any_of(torque_per_current_, [](double k) { return k > 0; });
   for (std::size_t i = 0; i < n_; ++i) {
     const double dq = c.value("actual_qd", i);
     if (elapsed_ > 0) {
@@ -312,8 +250,11 @@ void RtdeLink::measure(Measured& measured, Time now) {
     measured.dq[i] = dq;
     current_[i] = c.value("actual_current", i);
     measured.tau[i] = has_torque_ ? c.value("actual_current_as_torque", i) : current_[i] * torque_per_current_[i];
-    q_robot_[i] = c.value("target_q", i);
   }
+  q_robot_ = q_target_;
+  if (!tau_.add(measured.tau)) jumps_.count_implausible();
+  std::ranges::copy(tau_.torques(), measured.tau.begin());
+  measured.has_tau = tau_.known() && (has_torque_ || std::ranges::any_of(torque_per_current_, [](double k) { return k > 0; }));
   measure_forces(measured);
   state_ = static_cast<std::int32_t>(c.value("output_int_register_25"));
   robot_mode_ = static_cast<std::int32_t>(c.value("robot_mode"));
@@ -332,33 +273,34 @@ void RtdeLink::measure(Measured& measured, Time now) {
 
 void RtdeLink::measure_forces(Measured& measured) {
   const rtde::Client& c = line_.client();
-  std::array<double, 6> pose;
+  std::array<double, 6> pose, F, torques;
   for (std::size_t i = 0; i < 6; ++i) {
     pose[i] = c.value("actual_TCP_pose", i);
-    F_e_[i] = c.value("actual_TCP_force", i);
+    F[i] = torques[i] = c.value("actual_TCP_force", i);
   }
   const Pose X = rtde::from_ur_pose(pose);
   const Eigen::Quaterniond Q(X.R);
   p_ = {pose[0], pose[1], pose[2]};
   quat_ = {Q.w(), Q.x(), Q.y(), Q.z()};
-  Pose X_BE;
-  measured.has_tau_e = kinematics_.has_value() && c.has("actual_TCP_pose") && c.has("actual_TCP_force");
-  if (measured.has_tau_e) {
-    X_BE = kinematics_->pose(measured.q);
-    // A flange elsewhere than the URDF has it: J would be that of another robot. Calibrations are some millimetres.
+  if (kinematics_) {
+    const Pose X_BE = kinematics_->pose(measured.q);
+    // A flange elsewhere than the URDF has it: J would be that of another robot. Calibrations are some millimetres. A single one is damaged.
     constexpr double kCalibration = 0.03;  // m
     const Eigen::Vector3d offset(c.value("tcp_offset", 0), c.value("tcp_offset", 1), c.value("tcp_offset", 2));
-    const bool fits = !c.has("tcp_offset") || (X.p - X_BE * offset).norm() < kCalibration;
-    if (!fits && pose_fits_) measured.warn(kOtherRobot);
-    pose_fits_ = fits;
-    measured.has_tau_e = fits;
+    const bool fits = !c.has("actual_TCP_pose") || !c.has("tcp_offset") || (X.p - X_BE * offset).norm() < kCalibration;
+    misfits_ = fits ? 0 : std::min(misfits_ + 1, BelievedTorques::kMostHeld + 1);
+    if (misfits_ > BelievedTorques::kMostHeld) measured.warn(kOtherRobot);
+    // CB3 gives the force at the TCP; e-Series at the flange, unless it comes from a sensor of the user (ur_robot_driver, pull request 1287).
+    const bool at_tcp = fits && c.version()[0] > 0 && c.version()[0] < 5;
+    kinematics_->torques_of(moved(Eigen::Map<const Wrench>(F.data()), at_tcp ? X.p : X_BE.p, X_BE.p), measured.q, torques);
   }
+  if (!F_.add(torques, F, misfits_ == 0 || misfits_ > BelievedTorques::kMostHeld)) jumps_.count_implausible();
+  std::ranges::copy(F_.along(), F_e_.begin());
+  measured.has_tau_e = kinematics_ && c.has("actual_TCP_pose") && c.has("actual_TCP_force") && F_.known() &&
+                       misfits_ <= BelievedTorques::kMostHeld;
   const bool gives = measured.has_tau_e && (!tau_e_gated_ || (following_ && command_));
   std::ranges::fill(measured.tau_e, 0);
-  // CB3 gives the force at the TCP; e-Series at the flange, unless it comes from a sensor of the user (ur_robot_driver, pull request 1287).
-  const bool at_tcp = c.version()[0] > 0 && c.version()[0] < 5;
-  const Wrench F = Eigen::Map<const Wrench>(F_e_.data());
-  if (gives) kinematics_->torques_of(moved(F, at_tcp ? X.p : X_BE.p, X_BE.p), measured.q, measured.tau_e);
+  if (gives) std::ranges::copy(F_.torques(), measured.tau_e.begin());
 }
 
 void RtdeLink::count_reflected() {
@@ -438,7 +380,7 @@ void RtdeLink::follow() {
   t_commanded_ = t_robot_;
   const Synchronisation::Gains gains{K_P_, K_D_, dq_command_max_, ddq_command_max_};
   const bool robot_follows = robot_ready() && state_ == static_cast<std::int32_t>(rtde::FollowState::kFollowing);
-  if (following_ && !robot_follows) demand_acknowledgement();
+  if (following_ ? !robot_follows : robot_follows && !set_point_.believed()) demand_acknowledgement();
   const bool commanding = robot_follows && !acknowledgement_.awaits();
   // A program that still follows when the connection is set up goes on from where it is.
   if (!commanding || t_sent_ < 0) synchronisation_.start(q_robot_);
@@ -455,7 +397,7 @@ void RtdeLink::follow() {
 void RtdeLink::note_loss(Measured& measured) {
   count(losses_);
   demand_acknowledgement();
-  jumps_.forget();
+  forget();
   connected_ = following_ = false;
   state_ = 0;
   t_sent_ = t_commanded_ = -1;

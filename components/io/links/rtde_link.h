@@ -7,6 +7,7 @@
 
 #include "components/io/emulators/ur/follower.h"
 #include "components/io/link/acknowledgement.h"
+#include "components/io/link/believed.h"
 #include "components/io/link/link.h"
 #include "components/io/link/robot_kinematics.h"
 #include "components/io/links/gain_check.h"
@@ -46,9 +47,11 @@ class RtdeLink final : public Link {
   double patience() const;
   rtde::ClientSettings client_settings() const;
   bool read_all(Time now, Measured& measured);
+  bool waits(double t, std::int64_t host, Time now);
   bool is_believed(double t, std::int64_t host);
   void measure(Measured& measured, Time now);
   void measure_forces(Measured& measured);
+  void forget();
   void count_reflected();
   bool read_registers();
   void send(const Command& command, Measured& measured);
@@ -67,6 +70,8 @@ class RtdeLink final : public Link {
   GainCheck gains_{33};  // 1/s: the lookahead time of the program on the robot
   Acknowledgement acknowledgement_;
   JumpDetector jumps_;
+  BelievedTorques tau_, F_;  // the force by its joint torques
+  BelievedSetPoint set_point_;
   std::optional<RobotKinematics> kinematics_;  // if the robot's URDF is given
   bool commands_ = false;                      // mode=position
   // Inputs.
@@ -96,7 +101,7 @@ class RtdeLink final : public Link {
   std::int32_t received_ = 0, skipped_ = 0, rejected_ = 0, sent_ = 0, unsent_ = 0, refused_ = 0, losses_ = 0, connections_ = 0;
   double jitter_ = 0, round_trip_ = 0;
   // Of the session.
-  bool has_torque_ = false, following_ = false, was_connected_ = false, waiting_ = false, pose_fits_ = true;
+  bool has_torque_ = false, following_ = false, was_connected_ = false, waiting_ = false;
   std::uint64_t set_ups_ = 0;     // of the connection
   double t_sent_ = -1;            // s, robot's time of the last command that was sent; −1: none
   double t_commanded_ = -1;       // s, robot's time when the last command was chosen; −1: none
@@ -106,12 +111,15 @@ class RtdeLink final : public Link {
   std::array<double, kRegisters> registers_sent_{};  // the last finite values of double_command
   std::array<std::int32_t, kRegisters> registers_int_sent_{};
   double t_offered_ = 0;      // s, robot's time of the last package with a possible one
+  double t_waiting_ = -1;     // s, robot's time of the last package, if it waits for the next one; −1: it does not
   std::int64_t heard_ = 0;    // ns, scenario time of the last package that was used
   std::int64_t arrived_ = 0;  // ns, host
   std::int32_t counter_ = 0, reflected_ = 0;
   std::array<std::int64_t, 256> sent_at_{};  // ns, host, by counter
   std::int64_t trips_ = 0;
-  double lost_time_ = 0;  // s
+  std::vector<double> q_target_;              // rad, target_q that is believed
+  int misfits_ = BelievedTorques::kMostHeld;  // poses in a row that do not fit to the URDF
+  double lost_time_ = 0;                      // s
 };
 
 }  // namespace cotwin::io

@@ -167,7 +167,8 @@ TEST_P(FriLink, MeasuresAreThoseOfTheRobotAndSpeedsItsDifferences) {
     const std::vector<double> q = s.q;
     s.period();
     ASSERT_FALSE(HasFatalFailure());
-    ASSERT_TRUE(s.twin.boolean("fresh"));
+    ASSERT_EQ(s.twin.boolean("fresh"), k > 0) << "the second message agrees with the first one";
+    if (k == 0) continue;
     ASSERT_NEAR(s.twin.real("t_measured"), (k + 1) * s.h.seconds(), 1e-7);
     for (std::size_t i = 0; i < 7; ++i) {
       ASSERT_NEAR(s.twin.real("q", i), q[i], rounding());
