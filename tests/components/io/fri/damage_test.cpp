@@ -1,0 +1,248 @@
+// One damaged message moves no arm: components/io/link/believed.h and the twin's side of FRI beside a controller whose messages are made here.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <functional>
+#include <optional>
+
+#include "tests/components/io/fri/rig.h"
+
+namespace cotwin::io {
+namespace {
+
+class FriDamage : public ::testing::TestWithParam<Protocol> {};
+INSTANTIATE_TEST_SUITE_P(Protocols, FriDamage, ::testing::ValuesIn(kProtocols), name_of_protocol);
+
+using Damage = std::function<void(M&)>;
+
+/// A period whose message is damaged; its counter, time stamp and contents are then sound again. Whether it was answered.
+bool damaged_period(Rig& rig, const Damage& damage) {
+  const M sound = rig.m;
+  damage(rig.m);
+  const bool answered = rig.period();
+  const std::uint32_t counter = sound.counter + 1;
+  const std::int64_t time = sound.time + static_cast<std::int64_t>(sound.send_period * 1e9);
+  rig.m = sound;
+  rig.m.counter = counter;
+  rig.m.time = time;
+  return answered;
+}
+
+TEST_P(FriDamage, OneMessageGivesNoTorqueOrForce) {
+  for (const bool gated : {true, false}) {
+    Rig rig(GetParam());
+    rig.twin.set("tau_e_gated", gated ? "true" : "false");
+    rig.extra = M::kExternalWrench;
+    rig.m.tau_external.fill(1.5);
+    rig.m.tau_measured.fill(8);
+    rig.m.F_external[1] = 3;
+    rig.begin();
+    rig.settle();
+    const double F = rig.twin.real("F_e", 1);
+    int damaged = 0;
+    for (const double bad : {20.0, 70.0, -70.0, 9000.0}) {
+      for (const Damage& damage :
+           {Damage([&](M& m) { m.tau_external[3] = bad; }), Damage([&](M& m) { m.tau_measured[6] = bad; }),
+            Damage([&](M& m) { m.F_external[0] = 20 * bad; })}) {
+        for (int k = 0; k < 10; ++k) {
+          EXPECT_TRUE(k == 3 ? damaged_period(rig, damage) : rig.period()) << "its position is sound";
+          for (std::size_t i = 0; i < 7; ++i) {
+            ASSERT_EQ(rig.twin.real("tau_e", i), 1.5) << bad << ' ' << k;
+            ASSERT_EQ(rig.twin.real("tau", i), 8) << bad << ' ' << k;
+          }
+          ASSERT_EQ(rig.twin.real("F_e", 0), 0) << bad << ' ' << k;
+          ASSERT_EQ(rig.twin.real("F_e", 1), F) << bad << ' ' << k;
+        }
+        ++damaged;
+      }
+    }
+    const bool forces = GetParam() == Protocol::kLwr || GetParam() == Protocol::kSunrise2_7;
+    EXPECT_EQ(F, forces ? 3 : 0);
+    EXPECT_EQ(rig.twin.integer("implausible"), forces ? damaged : damaged * 2 / 3);
+    EXPECT_TRUE(rig.twin.boolean("commanding"));
+  }
+}
+
+TEST_P(FriDamage, AHitIsNoDamage) {
+  for (const double period : {0.001, 0.002, 0.005}) {
+    Rig rig(GetParam());
+    rig.m.send_period = period;
+    rig.h = Duration::from_seconds(period);
+    rig.begin();
+    for (int k = 0; k * period < 0.05; ++k) {
+      rig.m.tau_external[3] = std::min(200.0, k * period * 200 / 0.005);
+      EXPECT_TRUE(rig.period());
+      EXPECT_TRUE(rig.twin.boolean("has_tau_e"));
+    }
+    EXPECT_EQ(rig.twin.real("tau_e", 3), 200);
+    EXPECT_EQ(rig.twin.integer("implausible"), 0) << period;
+    EXPECT_TRUE(rig.twin.boolean("commanding"));
+  }
+}
+
+TEST_P(FriDamage, TorquesThatCannotBeAreNotKnown) {
+  Rig rig(GetParam());
+  rig.begin();
+  rig.m.tau_external[6] = 2000;  // of 38 N.m
+  for (int k = 0; k < 20; ++k) EXPECT_TRUE(rig.period());
+  EXPECT_FALSE(rig.twin.boolean("has_tau_e"));
+  EXPECT_TRUE(rig.twin.boolean("has_tau"));
+  EXPECT_EQ(rig.twin.real("tau_e", 6), 0);
+  EXPECT_EQ(rig.twin.integer("implausible"), 20);
+  rig.m.tau_external[6] = 2;
+  for (int k = 0; k < 2; ++k) EXPECT_TRUE(rig.period());
+  EXPECT_TRUE(rig.twin.boolean("has_tau_e"));
+}
+
+// The message before commands begin, or the first one of them, or the one with which the link begins anew where the robot is.
+TEST_P(FriDamage, CommandsBeginWhereTheRobotIs) {
+  for (const double off : {0.02, 0.5, 2.0, -3.0}) {
+    for (const int where : {-1, 0, 1}) {
+      SCOPED_TRACE(::testing::Message() << off << " rad, message " << where);
+      const Damage damage = [&](M& m) { m.q_commanded[3] = m.q_interpolator[3] = kQ[3] + off; };
+      Rig rig(GetParam());
+      rig.start();
+      const auto near = [&] {
+        for (std::size_t i = 0; i < 7 && rig.command.has(fri::Command::kPosition); ++i) {
+          ASSERT_NEAR(rig.command.q[i], kQ[i], 1e-3 * 0.002 + rig.rounding());
+        }
+      };
+      for (int k = 0; k < 5; ++k) rig.period();
+      if (GetParam() != Protocol::kLwr) rig.m.state = SessionState::kCommandingWait;
+      rig.period();
+      if (where < 0) {
+        damaged_period(rig, damage);
+        near();
+      }
+      rig.m.state = SessionState::kCommandingActive;
+      if (where == 0) damaged_period(rig, damage);
+      for (int k = 0; k < 50; ++k) {
+        near();
+        if (where == 1 && k == 30) damaged_period(rig, damage);
+        rig.period();
+      }
+      EXPECT_EQ(rig.twin.boolean("awaits_acknowledgement"), where < 1) << "where commands began it was not known";
+      if (where < 1) rig.acknowledge();
+      EXPECT_TRUE(rig.twin.boolean("commanding"));
+    }
+  }
+}
+
+TEST_P(FriDamage, ARobotThatIsElsewhereIsFollowedThereThoughItsSetPointIsDamaged) {
+  for (const bool damaged : {false, true}) {
+    Rig rig(GetParam());
+    rig.begin();
+    rig.settle();
+    std::array<double, 7> there = kQ;
+    there[3] += 0.3;
+    rig.put(there);
+    for (int k = 0; k < JumpDetector::kMostHeld; ++k) EXPECT_FALSE(rig.period());
+    EXPECT_TRUE(damaged_period(rig, [&](M& m) {
+      if (damaged) m.q_commanded[3] += 2;
+    }));
+    for (int k = 0; k < 30; ++k) {
+      for (std::size_t i = 0; i < 7; ++i) ASSERT_NEAR(rig.command.q[i], there[i], rig.rounding()) << k;
+      rig.period();
+    }
+    EXPECT_TRUE(rig.twin.boolean("awaits_acknowledgement"));
+  }
+}
+
+// An impedance-controlled robot is held away from its set point; commands begin at the set point without an acknowledgement.
+TEST_P(FriDamage, ARobotThatYieldsIsNoDamage) {
+  Rig rig(GetParam(), "position");
+  rig.m.control = fri::ControlMode::kJointImpedance;
+  rig.m.q_measured[1] += 0.25;
+  rig.start();
+  for (int k = 0; k < 5; ++k) rig.period();
+  if (GetParam() != Protocol::kLwr) rig.m.state = SessionState::kCommandingWait;
+  for (int k = 0; k < 5; ++k) rig.period();
+  rig.m.state = SessionState::kCommandingActive;
+  rig.period();
+  EXPECT_TRUE(rig.twin.boolean("commanding"));
+  EXPECT_NEAR(rig.command.q[1], kQ[1], 1e-6);
+  EXPECT_EQ(rig.twin.integer("implausible"), 0);
+}
+
+// The twin moves at the speed limit; the command goes on without a step, and no controller has begun anew.
+TEST_P(FriDamage, OneCounterTimeStampOrPeriodIsNotUsed) {
+  for (const std::int64_t ahead : {2, 3, 15, 1000, 30'000, -50}) {
+    Rig rig(GetParam());
+    rig.begin();
+    rig.settle();
+    rig.twin.reals("q_command")[5] += 1;
+    double before = rig.command.q[5];
+    for (int k = 0; k < 60; ++k) {
+      const bool answered =
+          k == 30 ? damaged_period(rig, [&](M& m) { m.counter += static_cast<std::uint32_t>(ahead); }) : rig.period();
+      EXPECT_EQ(answered, k != 30) << ahead;
+      EXPECT_LE(rig.command.q[5] - before, kSpeed * 0.002 * (k == 31 ? 2 : 1) * 1.001 + rig.rounding()) << ahead << ' ' << k;
+      before = rig.command.q[5];
+    }
+    EXPECT_TRUE(rig.twin.boolean("commanding")) << ahead;
+    EXPECT_EQ(rig.twin.integer("restarts") + rig.twin.integer("reordered"), 0) << ahead;
+    EXPECT_EQ(rig.twin.integer("lost"), 1) << ahead;
+  }
+  for (const double off : {-3600.0, -10.0, 5.0, 3600.0, 1e6}) {
+    Rig rig(GetParam());
+    rig.begin();
+    rig.settle();
+    for (int k = 0; k < 20; ++k) {
+      if (k % 5 != 3) {
+        EXPECT_TRUE(rig.period()) << off;
+      } else {
+        EXPECT_FALSE(damaged_period(rig, [&](M& m) { m.time += static_cast<std::int64_t>(off * 1e9); })) << off;
+      }
+    }
+    EXPECT_TRUE(rig.twin.boolean("commanding")) << off;
+    EXPECT_EQ(rig.twin.integer("restarts"), 0) << off;
+  }
+  for (const double period : {0.001, 0.005, 0.1, 1.0}) {
+    Rig rig(GetParam());
+    rig.begin();
+    rig.settle();
+    for (int k = 0; k < 20; ++k) {
+      if (k % 5 != 3) {
+        EXPECT_TRUE(rig.period()) << period;
+      } else {
+        EXPECT_FALSE(damaged_period(rig, [&](M& m) { m.send_period = period; })) << period;
+      }
+      EXPECT_NEAR(rig.twin.real("period"), 0.002, 1e-9);
+    }
+    EXPECT_TRUE(rig.twin.boolean("commanding")) << period;
+    EXPECT_EQ(rig.twin.integer("restarts"), 0) << period;
+  }
+}
+
+TEST_P(FriDamage, TheFirstPositionIsNotMeasuredBeforeTheSecondOneAgrees) {
+  Rig rig(GetParam());
+  rig.start();
+  damaged_period(rig, [](M& m) { m.q_measured[3] = 9000; });
+  EXPECT_FALSE(rig.twin.boolean("fresh"));
+  for (int k = 0; k < 10; ++k) {
+    rig.period();
+    ASSERT_EQ(rig.twin.boolean("fresh"), k > 0);
+    if (k > 0) ASSERT_NEAR(rig.twin.real("q", 3), kQ[3], rig.rounding());
+  }
+}
+
+TEST(FriLwrDamage, APoseThatCommandsBeginAtIsThatOfTheRobot) {
+  Rig rig(Protocol::kLwr, "cartesian_impedance");
+  rig.extra = M::kCommandedPose | M::kMeasuredPose;
+  for (Pose* X : {&rig.m.X_measured, &rig.m.X_commanded}) X->p = {0.5, 0, 0.6};
+  std::ranges::copy(std::array{0.5, 0.0, 0.6}, rig.twin.reals("p_command").begin());
+  rig.start();
+  for (int k = 0; k < 5; ++k) rig.period();
+  damaged_period(rig, [](M& m) { m.X_commanded.p = {-0.4, 0.3, 0.2}; });
+  rig.m.state = SessionState::kCommandingActive;
+  for (int k = 0; k < 20; ++k) {
+    rig.period();
+    ASSERT_NEAR((rig.command.X.p - Eigen::Vector3d(0.5, 0, 0.6)).norm(), 0, 1e-6) << k;
+  }
+  EXPECT_TRUE(rig.twin.boolean("awaits_acknowledgement"));
+}
+
+}  // namespace
+}  // namespace cotwin::io
