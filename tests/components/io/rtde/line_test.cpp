@@ -299,6 +299,64 @@ TEST(RtdeLink, DamagedPackagesAreNotUsed) {
   EXPECT_EQ(s.twin.integer("implausible"), 80);
 }
 
+TEST(RtdeLink, OneTimeStampIsNotUsedButAClockThatStepsIsFound) {
+  for (const double off : {1.0, 5.0, 20.0, 3000.0, -0.05, -1.0, -100.0}) {
+    SCOPED_TRACE(off);
+    Beside s;
+    s.start();
+    ASSERT_TRUE(s.connects());
+    s.periods(5);
+    s.robot.say(2);
+    s.periods(300);
+    s.twin.reals("q_command")[2] += 0.1;
+    double before = s.command(2);
+    for (int k = 0; k < 100; ++k) {
+      const double t = s.robot.t;
+      if (k % 20 == 7) s.robot.t += off;
+      s.period();
+      s.robot.t = t + 0.002;
+      ASSERT_LE(s.command(2) - before, 0.5 * 0.002 * (k % 20 == 8 ? 2 : 1) + 1e-9) << k;
+      ASSERT_NEAR(s.twin.real("t_robot"), s.robot.t, 0.003) << k;
+      before = s.command(2);
+    }
+    EXPECT_TRUE(s.twin.boolean("commanding"));
+    EXPECT_FALSE(s.twin.boolean("awaits_acknowledgement"));
+    EXPECT_EQ(s.twin.integer("implausible"), 5);
+    s.robot.t += off;
+    s.periods(20);
+    EXPECT_NEAR(s.twin.real("t_robot"), s.robot.t, 0.003) << "it goes on from there";
+    EXPECT_EQ(s.twin.boolean("awaits_acknowledgement"), off > 30 || off < 0) << "the robot may have left out packages";
+  }
+}
+
+TEST(RtdeLink, CommandsBeginWhereTheRobotIsThoughItsSetPointIsDamaged) {
+  for (const double off : {0.02, 0.5, -3.0}) {
+    for (const int where : {-1, 0, 20}) {
+      SCOPED_TRACE(::testing::Message() << off << " rad, package " << where);
+      Beside s;
+      s.start();
+      ASSERT_TRUE(s.connects());
+      s.periods(5);
+      for (int k = -5; k < 50; ++k) {
+        if (k == 0) s.robot.say(2);
+        s.robot.target_off = k == where ? off : 0;
+        s.period();
+        ASSERT_NEAR(s.command(2), s.robot.q[2], 1e-9) << k;
+        ASSERT_NEAR(s.twin.real("q_robot", 2), s.robot.q[2], 1e-9) << k;
+      }
+      EXPECT_EQ(s.twin.boolean("awaits_acknowledgement"), where < 1);
+      if (where < 1) {
+        s.robot.say(1);
+        s.acknowledge();
+        s.robot.say(2);
+        s.period();
+      }
+      EXPECT_EQ(s.request(), 1);
+      EXPECT_TRUE(s.twin.boolean("commanding"));
+    }
+  }
+}
+
 TEST(RtdeLink, OutputsAndRegistersStayUntilTheLossIsAcknowledged) {
   for (const std::string event : {"jump", "silent", "hangs up"}) {
     SCOPED_TRACE(event);

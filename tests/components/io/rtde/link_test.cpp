@@ -158,6 +158,42 @@ TEST(RtdeLink, GivesTheJointTorquesOfTheReportedForce) {
   }
 }
 
+// The controller reports the force that explains the external torques best, for one package or from one on.
+TEST(RtdeLink, OnePackageGivesNoForceButAHitDoes) {
+  for (const bool cb3 : {false, true}) {
+    for (const double bad : {20.0, 100.0, -3000.0, 1e5, 3.6e8}) {
+      SCOPED_TRACE(bad);
+      Session s;
+      s.robot.set("frequency", cb3 ? "125" : "500");
+      s.twin.set("frequency", cb3 ? "125" : "500");
+      if (cb3) s.h = Duration{8'000'000};
+      s.robot.set("tcp_offset", "0.05 -0.1 0.2 0.3 -0.5 0.7");
+      s.start();
+      ASSERT_TRUE(s.connects());
+      s.periods(5);
+      for (int k = 0; k < 20; ++k) {
+        s.robot.reals("tau_e")[1] = k % 10 == 5 ? bad : 0;
+        s.robot.reals("tau")[2] = k % 10 == 5 ? bad : 3;
+        s.period();
+        for (std::size_t i = 0; i < 6; ++i) {
+          ASSERT_NEAR(s.twin.real("tau_e", i), 0, 1e-9) << k;
+          ASSERT_NEAR(s.twin.real("F_e", i), 0, 1e-9) << k;
+        }
+        ASSERT_TRUE(k < 2 || s.twin.real("tau", 2) == 3) << k;
+      }
+      EXPECT_GE(s.twin.integer("implausible"), 2);
+      const int before = s.twin.integer("implausible");
+      s.robot.reals("tau_e")[1] = bad;
+      s.periods(3);
+      const bool possible = std::abs(bad) < 1000;
+      EXPECT_EQ(s.twin.real("tau_e", 1) != 0, possible);
+      EXPECT_EQ(s.twin.integer("implausible") - before, possible ? 0 : 3);
+      s.periods(5);
+      EXPECT_EQ(s.twin.boolean("has_tau_e"), possible);
+    }
+  }
+}
+
 TEST(RtdeLink, FollowsTheTwinWithoutAStepAndWithinTheSpeedLimit) {
   Session s;
   s.twin.set("dq_command_max", "0.5");

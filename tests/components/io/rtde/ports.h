@@ -34,7 +34,8 @@ struct PlainRobot {
   net::TcpListener listener{{0x7f000001, 0}, "test"};
   std::array<net::TcpStream, rtde::Controller::kClients> streams;
   std::array<double, 6> q{1, -1.4, 1.5, -1.6, -1.5, 0.3};
-  double t = 0;  // s
+  double target_off = 0;  // rad, of the set point of the third joint
+  double t = 0;           // s
   int accepted = 0;
   bool reads = true;
 
@@ -72,6 +73,7 @@ struct PlainRobot {
   void cycle() {
     controller.at("timestamp") = t += 0.002;
     for (std::size_t i = 0; i < q.size(); ++i) controller.at("actual_q", i) = controller.at("target_q", i) = q[i];
+    controller.at("target_q", 2) += target_off;
     controller.at("output_int_register_24") = controller.at("input_int_register_24");
     controller.cycle();
     exchange();
