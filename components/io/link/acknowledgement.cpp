@@ -72,10 +72,10 @@ void JumpDetector::count_implausible() {
 
 void JumpDetector::append_notes(std::vector<std::string>& sentences, const std::string& one) const {
   if (implausible_ == 0) return;
-  sentences.push_back(
-      text::counted(implausible_, one) +
-      " not used or not wholly, with a position, speed, time, torque or force that no motion or hit explains "
-      "(damaged, of another scale, or beyond twice the speed or ten times the effort of the joint in the URDF)");
+  sentences.push_back(text::counted(implausible_, one) +
+                      " not used or not wholly, because no motion or hit explains a value (damaged, of another scale, or "
+                      "beyond twice the speed "
+                      "or ten times the effort of the joint in the URDF)");
 }
 
 void JumpDetector::set_resolution(std::size_t i, double resolution) {

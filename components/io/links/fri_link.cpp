@@ -370,7 +370,9 @@ void FriLink::examine_set_point(double elapsed, bool measured) {
   const bool goes_on = client_->commanding() && drives() && (following_ || begins_);
   const bool own = m.has(fri::Monitoring::kInterpolatorPosition) && protocol_ != fri::Protocol::kLwr && !goes_on;
   const bool commanded = m.has(fri::Monitoring::kCommandedPosition);
-  if (own != std::exchange(own_, own) && !commanded) set_point_.forget();  // it was the measured position, or is
+  // What was taken before may have been the measured position, beside which an impedance-controlled robot may be commanded.
+  const bool other = own != std::exchange(own_, own) && !commanded;
+  if (other && !following_ && m.state == fri::SessionState::kCommandingWait) set_point_.forget();
   const bool yields = m.has(fri::Monitoring::kControlMode) &&
                       (m.control == fri::ControlMode::kCartesianImpedance || m.control == fri::ControlMode::kJointImpedance);
   fri::Joints q = own ? m.q_interpolator : commanded ? m.q_commanded : m.q_measured;

@@ -216,6 +216,37 @@ TEST_P(FriDamage, OneCounterTimeStampOrPeriodIsNotUsed) {
   }
 }
 
+// The robot has been moved away from its own motion, whose position is in messages of some states.
+TEST_P(FriDamage, OneStateEndsCommandsButMovesNothing) {
+  for (const double away : {0.06, 0.4}) {
+    for (const SessionState state :
+         {SessionState::kMonitoringWait, SessionState::kMonitoringReady, SessionState::kCommandingWait}) {
+      if (GetParam() == Protocol::kLwr && state == SessionState::kCommandingWait) continue;
+      SCOPED_TRACE(::testing::Message() << away << " rad, state " << static_cast<int>(state));
+      Rig rig(GetParam());
+      rig.begin();
+      rig.settle();
+      const auto follow = [&] {  // the robot is where it was commanded to
+        std::ranges::copy_n(rig.command.q.begin(), 7, rig.m.q_measured.begin());
+        std::ranges::copy_n(rig.command.q.begin(), 7, rig.m.q_commanded.begin());
+      };
+      rig.twin.reals("q_command")[0] += away;
+      for (int k = 0; k < 600; ++k) {
+        follow();
+        rig.period();
+      }
+      const double q = rig.command.q[0];
+      ASSERT_NEAR(q, kQ[0] + away, 1e-3);
+      for (int k = 0; k < 50; ++k) {
+        follow();
+        const bool answered = k == 20 ? damaged_period(rig, [&](M& m) { m.state = state; }) : rig.period();
+        if (answered && rig.command.has(fri::Command::kPosition)) ASSERT_NEAR(rig.command.q[0], q, 1e-6) << k;
+      }
+      EXPECT_TRUE(rig.twin.boolean("awaits_acknowledgement"));
+    }
+  }
+}
+
 TEST_P(FriDamage, TheFirstPositionIsNotMeasuredBeforeTheSecondOneAgrees) {
   Rig rig(GetParam());
   rig.start();
