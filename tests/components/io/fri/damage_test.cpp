@@ -82,6 +82,30 @@ TEST_P(FriDamage, AHitIsNoDamage) {
   }
 }
 
+// Up to 1.9 rad/s, 10 ms behind its set point, by up to 60 N.m; commands begin in motion.
+TEST_P(FriDamage, ARobotThatIsGuidedFastIsNoDamage) {
+  for (const double period : {0.001, 0.002, 0.005}) {
+    Rig rig(GetParam());
+    rig.m.send_period = period;
+    rig.h = Duration::from_seconds(period);
+    rig.start();
+    for (int k = 0; k * period < 2; ++k) {
+      const double t = k * period, rate = 6.3;
+      const auto at = [&](double time) { return kQ[3] + 0.3 * std::sin(rate * time); };
+      rig.m.q_measured[3] = at(t - 0.01);
+      rig.m.q_commanded[3] = rig.m.q_interpolator[3] = at(t);
+      rig.m.tau_external[3] = 60 * std::cos(rate * t);
+      const bool waits = k < 20 && GetParam() != Protocol::kLwr;
+      rig.m.state = k < 10  ? SessionState::kMonitoringReady
+                    : waits ? SessionState::kCommandingWait
+                            : SessionState::kCommandingActive;
+      EXPECT_TRUE(rig.period());
+    }
+    EXPECT_EQ(rig.twin.integer("implausible"), 0) << period;
+    EXPECT_TRUE(rig.twin.boolean("commanding")) << period;
+  }
+}
+
 TEST_P(FriDamage, TorquesThatCannotBeAreNotKnown) {
   Rig rig(GetParam());
   rig.begin();
