@@ -109,15 +109,15 @@ bool Client::continues(const Monitoring& message, std::int64_t messages, std::in
   return !timed || std::abs(message.time - monitoring().time - passed) <= kJump + elapsed;
 }
 
-/// Whether a message at `position` in the stream, newer than all before, has to wait for the next one: one that `elapsed` ns since the newest one do
-/// not explain and that does not follow from one that waits.
-bool Client::waits(const Monitoring& message, std::int64_t position, std::int64_t elapsed) {
+/// Whether a message at `position` in the stream, newer than all before, has to wait for the next one: one that does not continue the session, or
+/// came too early, and does not follow from one that waits.
+bool Client::waits(const Monitoring& message, std::int64_t position, std::int64_t arrival, std::int64_t elapsed) {
   constexpr std::int64_t kMostBetween = 16;
   constexpr double kCatchUp = 1e-3;  // the clocks of both sides differ by up to 2e-4
   const double period = std::min(message.send_period, monitoring().send_period) * 1e9;
   const std::int64_t messages = position - newest_position_, since = position - waiting_;
   // A message may be late, but not earlier than those before by more than half a period.
-  const double late = late_ + static_cast<double>(elapsed) - static_cast<double>(messages) * period;
+  const double late = late_ + static_cast<double>(arrival - latest_) - static_cast<double>(messages) * period;
   const bool fits = continues(message, messages, elapsed) && (messages == 1 || late >= -period / 2);
   const auto expected = waiting_time_ + static_cast<std::int64_t>(static_cast<double>(since) * period);
   const bool timely = !message.has(M::kTime) || std::abs(message.time - expected) <= kJump;
@@ -140,7 +140,7 @@ Client::Reception Client::receive(std::span<const std::uint8_t> bytes, const net
   if (started_ && other) tracker.forget();
   const std::int64_t elapsed = std::max(arrival - latest_, host - latest_host_), ahead = tracker.ahead(message.counter);
   const bool newer = started_ && !other && !lost && !silent && ahead > 0 && ahead <= SequenceTracker::kLargestGap;
-  if (newer && waits(message, newest_position_ + ahead, elapsed)) return Reception::kRefused;
+  if (newer && waits(message, newest_position_ + ahead, arrival, elapsed)) return Reception::kRefused;
   const SequenceTracker::Arrival order = tracker.add(message.counter, silent);
   if (order == SequenceTracker::Arrival::kDuplicate || order == SequenceTracker::Arrival::kStale) return Reception::kRefused;
   position_ = tracker.position();

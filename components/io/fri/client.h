@@ -97,7 +97,7 @@ class Client {
  private:
   Fault fault_of(std::span<const std::uint8_t> bytes, bool stranger);
   bool continues(const Monitoring& message, std::int64_t messages, std::int64_t elapsed) const;
-  bool waits(const Monitoring& message, std::int64_t position, std::int64_t elapsed);
+  bool waits(const Monitoring& message, std::int64_t position, std::int64_t arrival, std::int64_t elapsed);
   void begin_session();
   void note_interval(const Monitoring& message, std::int64_t arrival);
   void note_reflected(std::uint32_t reflected, std::int64_t arrival);
@@ -117,17 +117,16 @@ class Client {
   bool started_ = false;
   std::int64_t latest_ = 0, latest_host_ = 0;  // ns, arrival of the newest message
   std::int64_t newest_position_ = 0;           // of the newest message
-  std::int64_t waiting_ = 0,
-               waiting_time_ = 0;            // position and time stamp (ns) of the last message, if it waits; 0: it does not
-  double late_ = 0;                          // ns by which the newest message was later than the earliest ones
-  std::int64_t arrival_ = 0, position_ = 0;  // of the message to be answered
-  std::uint32_t answering_ = 0;              // its counter
-  std::int64_t answered_ = 0;                // position of the newest message that was answered
-  std::uint32_t since_answer_ = 0;           // messages, for the receive multiplier
-  std::uint32_t counter_ = 0;                // of the next answer, modulo 2³²
-  std::uint32_t reflected_ = 0;              // newest answer that was reflected
+  std::int64_t arrival_ = 0, position_ = 0;    // of the message to be answered
+  std::uint32_t answering_ = 0;                // its counter
+  std::int64_t answered_ = 0;                  // position of the newest message that was answered
+  std::uint32_t since_answer_ = 0;             // messages, for the receive multiplier
+  std::uint32_t counter_ = 0;                  // of the next answer, modulo 2³²
+  std::uint32_t reflected_ = 0;                // newest answer that was reflected
   bool has_reflected_ = false;
-  std::array<std::int64_t, 256> sent_times_{};  // ns, of the latest answers
+  std::array<std::int64_t, 256> sent_times_{};   // ns, of the latest answers
+  std::int64_t waiting_ = 0, waiting_time_ = 0;  // position and time stamp (ns) of the last message if it waits; 0: it does not
+  double late_ = 0;                              // ns by which the newest message was later than the earliest ones
 };
 
 }  // namespace cotwin::fri

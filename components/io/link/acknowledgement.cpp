@@ -57,8 +57,8 @@ JumpDetector::JumpDetector(std::span<const trajectory::Axis> axes)
 void JumpDetector::declare(Variables& v, const std::string& what) {
   v.output("implausible", implausible_,
            what +
-               " with a position, speed, time, torque or force that no motion or hit explains, which was not used; 5 positions "
-               "in a row are a jump");
+               " with a position, speed, time, torque or force that no motion or hit explains, which was not used; 5 "
+               "positions in a row are a jump");
 }
 
 void JumpDetector::begin() {
@@ -74,8 +74,7 @@ void JumpDetector::append_notes(std::vector<std::string>& sentences, const std::
   if (implausible_ == 0) return;
   sentences.push_back(text::counted(implausible_, one) +
                       " not used or not wholly, because no motion or hit explains a value (damaged, of another scale, or "
-                      "beyond twice the speed "
-                      "or ten times the effort of the joint in the URDF)");
+                      "beyond twice the speed or ten times the effort of the joint in the URDF)");
 }
 
 void JumpDetector::set_resolution(std::size_t i, double resolution) {

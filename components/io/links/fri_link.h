@@ -21,14 +21,14 @@ namespace cotwin::io {
 
 /// A robot behind KUKA's FRI (LWR 4+ or Sunrise): the PC's side. A step takes the messages that have come, answers each, and gives
 /// the newest measurements:
-///   q, τ, τ_e   as reported
+///   q, τ, τ_e   as reported, if they are believed (JumpDetector, BelievedTorques)
 ///   q̇          differences of q between messages over their send period, low-pass `dq_cutoff`;  q̈: differences of q̇
 ///   command     monitoring: mirrors what the robot commands; commanding: q_command with the PD synchronisation
 ///               (synchronisation.h), and by `mode` an overlaid torque or wrench, stiffness and damping
 /// A robot that sends nothing for `timeout` is not connected: q and τ are held, q̇, q̈ and τ_e are 0, nothing is sent. After that, after
 /// a restart of its controller (fri::ClientStatistics::sessions), a jump of its position, or when it does not take commands any more,
 /// it is not commanded until the input `acknowledge` rises (acknowledgement.h): its own position is mirrored or, where it takes
-/// commands, the position that it gives as commanded, or else as measured, is held. Commands then begin there.
+/// commands, the position that it gives as commanded, or else as measured, is held. Commands then begin there. Where they begin is judged by BelievedSetPoint.
 /// Inputs that are not finite, or beyond fri::kLargestNumber, are not sent: their last usable values are (`refused`).
 /// If the robot does not ask for the quantity of `mode`, its position is held and `commanding` is false.
 /// A clock that waits for the robot's next message without a limit sends the last answer again after kRepeat, because the answer or

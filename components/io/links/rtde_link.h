@@ -21,7 +21,7 @@ namespace cotwin::io {
 /// A Universal Robots arm behind RTDE: the PC's side. A step takes the data packages that have come and gives the newest:
 ///   q, q̇       actual_q, actual_qd;  q̈: differences of q̇ by the robot's time, low-pass `ddq_cutoff`
 ///   τ          actual_current_as_torque; else actual_current × torque_per_current, if that is given; else none
-///   τ_e        J^T actual_TCP_force, at the flange (e-Series) or the TCP (CB3), if the robot's URDF is given; else none
+///   τ_e        J^T actual_TCP_force, at the flange (e-Series) or the TCP (CB3), if the robot's URDF is given; else none. What is believed of q, τ, τ_e and target_q: believed.h
 ///   command    mode=monitor: nothing is written; mode=position: registers that the program follow.script on the robot follows (rtde/follower.h), one command per step with new
 ///              data, from q_command with the PD synchronisation (synchronisation.h); until the robot follows, its own target position
 /// A robot that sends nothing for `timeout` is not connected: q and τ are held, q̇, q̈ and τ_e are 0. Connections are set up again without
