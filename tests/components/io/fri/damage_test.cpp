@@ -7,6 +7,7 @@
 #include <functional>
 #include <optional>
 
+#include "components/io/link/acknowledgement.h"
 #include "tests/components/io/fri/rig.h"
 
 namespace cotwin::io {
@@ -264,7 +265,9 @@ TEST_P(FriDamage, OneStateEndsCommandsButMovesNothing) {
       for (int k = 0; k < 50; ++k) {
         follow();
         const bool answered = k == 20 ? damaged_period(rig, [&](M& m) { m.state = state; }) : rig.period();
-        if (answered && rig.command.has(fri::Command::kPosition)) ASSERT_NEAR(rig.command.q[0], q, 1e-6) << k;
+        if (answered && rig.command.has(fri::Command::kPosition)) {
+          ASSERT_NEAR(rig.command.q[0], q, 1e-6) << k;
+        }
       }
       EXPECT_TRUE(rig.twin.boolean("awaits_acknowledgement"));
     }
@@ -279,7 +282,9 @@ TEST_P(FriDamage, TheFirstPositionIsNotMeasuredBeforeTheSecondOneAgrees) {
   for (int k = 0; k < 10; ++k) {
     rig.period();
     ASSERT_EQ(rig.twin.boolean("fresh"), k > 0);
-    if (k > 0) ASSERT_NEAR(rig.twin.real("q", 3), kQ[3], rig.rounding());
+    if (k > 0) {
+      ASSERT_NEAR(rig.twin.real("q", 3), kQ[3], rig.rounding());
+    }
   }
 }
 
