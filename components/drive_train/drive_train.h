@@ -77,6 +77,7 @@ class DriveTrain final : public Unit {
   std::vector<double> q0_, dq0_;
   double rtol_ = 0, atol_ = 3e-10, atol_speed_ = 2e-7;
   std::int32_t max_substeps_ = 64, input_order_ = 0, link_order_ = -1;
+  std::string sources_, assumed_;
 
   std::vector<double> tau_m_, dtau_m_, tau_e_, dtau_e_, q_in_, dq_in_;  // inputs
   std::vector<double> tau_m_before_, tau_e_before_, q_before_, dq_before_;

@@ -3,6 +3,7 @@
 
 #include "components/drive_train/drive_train.h"
 #include "components/drive_train/floating_links.h"
+#include "models/foundation/support/assumed.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
 #include "models/robot/start.h"
@@ -52,6 +53,7 @@ void DriveTrain::check_parameters() const {
   const Parameters& p = wanted_;
   check_values(p, robot::kDriveParameters, place_);
   check_values(p, kStopParameters, place_);
+  check_assumed(place_ + ".assumed", assumed_, robot::kDriveParameterNames);
   if (equations_.floating()) equations_.floating()->check_parameters(place_);
   const auto fail = [&](const char* name, std::size_t i, double value, const std::string& expected) {
     throw Error(place_ + "." + name + "[" + std::to_string(i + 1) + "]",

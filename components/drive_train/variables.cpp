@@ -93,6 +93,8 @@ void DriveTrain::declare(Variables& v) {
     v.state("passed_at", limits_.passed_at, "s", "time at which each joint first passed its upper limit; -1e10: never");
     v.state("passed_below", limits_.passed_below, "s", "the same of its lower limit");
   }
+  v.parameter("sources", sources_, "where the values of the drives come from");
+  v.parameter("assumed", assumed_, "names of parameters of the drives that are assumptions, not measurements; all; or none");
 }
 
 }  // namespace cotwin::drive_train

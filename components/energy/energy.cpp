@@ -5,6 +5,7 @@
 #include <numeric>
 #include <span>
 
+#include "models/foundation/support/assumed.h"
 #include "models/foundation/support/choice.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
@@ -22,11 +23,6 @@ constexpr double kJoulePerKilowattHour = 3.6e6;
 constexpr double kWrongWork = 0.01;
 constexpr double kLittleWork = 1;  // J
 constexpr std::size_t kLongestWarning = 400;
-
-/// Parameters that `assumed` may name.
-constexpr const char* kMayBeAssumed[] = {"R",     "k_t",     "V_0",       "k_h",        "k_e",       "P_0",
-                                         "P_off", "P_brake", "E_release", "t_close",    "t_release", "controller",
-                                         "C",     "V_min",   "V_max",     "efficiency", "eta_r"};
 
 double sum(const std::vector<double>& x) { return std::accumulate(x.begin(), x.end(), 0.0); }
 
@@ -211,20 +207,9 @@ void Energy::check() const {
   }
 }
 
-void Energy::check_assumed() const {
-  if (assumed_ == "all" || assumed_ == "none") return;
-  for (const std::string_view part : text::split(assumed_, ' ')) {
-    const std::string_view name = text::trim(part);
-    if (name.empty()) continue;
-    if (std::ranges::none_of(kMayBeAssumed, [&](const char* known) { return name == known; }))
-      throw Error(place_ + ".assumed",
-                  "'" + std::string(name) + "', expected names of parameters as R k_t P_0, or all, or none");
-  }
-}
-
 void Energy::initialise(Time) {
   check();
-  check_assumed();
+  check_assumed(place_ + ".assumed", assumed_, energetics::kMayBeAssumed);
   accountant_.check(place_);
   adopt_drives();
   books_.clear();

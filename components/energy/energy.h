@@ -45,7 +45,6 @@ class Energy final : public Unit {
   Energy(Settings& settings, const robot::RobotModel* robot);
   void declare_drives(Variables& v, JointVariables& joints);
   void check() const;
-  void check_assumed() const;
   void adopt_drives();
   void write_nodes(double h);
   double idle_power(double h);

@@ -2,8 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <span>
 
 #include "models/foundation/formats/parameter_set.h"
+#include "models/foundation/support/assumed.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
 
@@ -116,6 +119,21 @@ bool has_prismatic(const robot::RobotModel& robot) {
   return std::ranges::any_of(robot.joints, [](const robot::Joint& j) { return j.type == robot::JointType::kPrismatic; });
 }
 
+std::string text_of(const ParameterValue& v) {
+  const std::string* text = std::get_if<std::string>(&v.value);
+  if (!text) fail(v, "expected a text");
+  return *text;
+}
+
+/// Reads the texts `sources` and `assumed`; notes the name of what is neither.
+bool read_text(const ParameterValue& v, std::span<const char* const> names, Provenance& p) {
+  if (v.name == "sources") p.sources = text_of(v);
+  if (v.name == "assumed") check_assumed(v.place + ": assumed", p.assumed = text_of(v), names);
+  if (v.name == "sources" || v.name == "assumed") return true;
+  if (!p.has(vector_name(v))) p.given.push_back(vector_name(v));
+  return false;
+}
+
 /// Further variables of unit:drive_train that a file may set. The services do not use them.
 constexpr const char* kOtherOfDrives[] = {"q0",           "dq0",         "q_min",       "q_max",      "rtol",
                                           "atol",         "atol_speed",  "transition",  "link_order", "stop_stiffness",
@@ -126,12 +144,20 @@ constexpr const char* kOtherOfEnergy[] = {"servo_off_after", "rest_speed", "V_st
 
 }  // namespace
 
-robot::DriveParameters load_drives(const fs::path& file, const robot::RobotModel& robot) {
-  robot::DriveParameters drives(robot.joints.size());
+DriveData load_drives(const fs::path& file, const robot::RobotModel& robot) {
+  DriveData drives(robot.joints.size());
+  const std::vector<double> starts = drives.B;
+  std::ranges::fill(drives.B, std::numeric_limits<double>::quiet_NaN());
   const ParameterSet set = load_parameter_set(file);
   for (const ParameterValue& v : set.values)
-    if (!read_row(v, set, robot::kDriveParameters, has_prismatic(robot), drives))
+    if (!read_text(v, robot::kDriveParameterNames, drives) &&
+        !read_row(v, set, robot::kDriveParameters, has_prismatic(robot), drives))
       check_other(v, "unit:drive_train", names_of(robot::kDriveParameters), kOtherOfDrives);
+  for (std::size_t j = 0; j < starts.size(); ++j) {
+    if (!std::isnan(drives.B[j])) continue;
+    drives.B[j] = starts[j];
+    drives.without_B.push_back(j);
+  }
   return drives;
 }
 
@@ -162,14 +188,8 @@ EnergyData load_energy(const fs::path& file, const robot::RobotModel& robot) {
   for (const Scalar& scalar : scalars) names.emplace_back(scalar.name);
   const ParameterSet set = load_parameter_set(file);
   for (const ParameterValue& v : set.values) {
-    const auto text_of = [&] {
-      const std::string* text = std::get_if<std::string>(&v.value);
-      if (!text) fail(v, "expected a text");
-      return *text;
-    };
-    if (v.name == "current") e.current = energetics::parse_current(v.place + ": current", text_of());
-    if (v.name == "sources") e.sources = text_of();
-    if (v.name == "assumed") e.assumed = text_of();
+    if (v.name == "current") e.current = energetics::parse_current(v.place + ": current", text_of(v));
+    if (read_text(v, energetics::kMayBeAssumed, e)) continue;
     for (const Scalar& scalar : scalars) {
       if (v.name != scalar.name) continue;
       check_measure(v, set, {scalar.si});

@@ -5,7 +5,7 @@
 /// value out of range, and another unit of measure than that of the unit's variable.
 namespace cotwin::services {
 
-robot::DriveParameters load_drives(const std::filesystem::path& file, const robot::RobotModel& robot);
+DriveData load_drives(const std::filesystem::path& file, const robot::RobotModel& robot);
 EnergyData load_energy(const std::filesystem::path& file, const robot::RobotModel& robot);
 
 }  // namespace cotwin::services

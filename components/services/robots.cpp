@@ -35,6 +35,16 @@ bool is_file(const fs::path& path) {
 
 }  // namespace
 
+std::vector<std::size_t> Robot::unknown_motors() const {
+  std::vector<std::size_t> unknown;
+  for (std::size_t j = 0; j < model.joints.size(); ++j) {
+    const auto in_file = [&](std::size_t k) { return k == (joints_kept.empty() ? j : joints_kept[j]); };
+    const bool known = drives && drives->B[j] > 0 && std::ranges::none_of(drives->without_B, in_file);
+    if (!known && !model.joints[j].passive) unknown.push_back(j);
+  }
+  return unknown;
+}
+
 Robot load_robot(const fs::path& urdf, const std::string& name, const std::map<std::string, double>& locked) {
   Robot r;
   r.name = name;

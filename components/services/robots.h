@@ -1,4 +1,5 @@
 #pragma once
+#include <algorithm>
 #include <array>
 #include <filesystem>
 #include <map>
@@ -6,6 +7,7 @@
 #include <mutex>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "models/energetics/books.h"
@@ -16,14 +18,26 @@
 
 namespace cotwin::services {
 
+/// What a file with data of a robot tells about them.
+struct Provenance {
+  std::string sources, assumed;    // texts; models/foundation/support/assumed.h
+  std::vector<std::string> given;  // names of the parameters that the file has
+  bool has(std::string_view name) const { return std::ranges::find(given, name) != given.end(); }
+};
+
+/// What a drive_train.ssv beside a URDF tells, see components/drive_train. What it does not have is the start value of the unit.
+struct DriveData : robot::DriveParameters, Provenance {
+  using robot::DriveParameters::DriveParameters;
+  std::vector<std::size_t> without_B;  // joints of the file, from 0, whose motors it gives no inertia
+};
+
 /// What an energy.ssv beside a URDF tells, see components/energy.
-struct EnergyData {
+struct EnergyData : Provenance {
   energetics::DriveLosses losses;
   energetics::Current current = energetics::Current::kDc;
   energetics::DcLink link;
   energetics::Supply supply;
   energetics::Standby standby;
-  std::string sources, assumed;
 };
 
 /// The files with data of a robot that may stand beside its URDF.
@@ -40,9 +54,12 @@ struct Robot {
   /// The joints of the model among the `file_joints` joints of the file, from 0; not set for a model that is not from a file.
   std::vector<std::size_t> joints_kept;
   std::size_t file_joints = 0;
-  std::optional<robot::DriveParameters> drives;  // drive_train.ssv
-  std::optional<EnergyData> energy;              // energy.ssv
-  std::vector<robot::BodyPart> parts;            // of persons
+  std::optional<DriveData> drives;     // drive_train.ssv
+  std::optional<EnergyData> energy;    // energy.ssv
+  std::vector<robot::BodyPart> parts;  // of persons
+
+  /// The joints that have a motor whose inertia is not given, or given as 0.
+  std::vector<std::size_t> unknown_motors() const;
 };
 
 /// Reads a URDF, and drive_train.ssv and energy.ssv in its folder, whatever the URDF's name. `locked` as in robot::UrdfOptions.

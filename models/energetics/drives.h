@@ -63,4 +63,9 @@ struct Supply {
   double co2_per_kWh = 0;    // kg
 };
 
+/// Parameters that the text `assumed` of an energy.ssv may name (models/foundation/support/assumed.h).
+inline constexpr const char* kMayBeAssumed[] = {"R",     "k_t",     "V_0",       "k_h",        "k_e",       "P_0",
+                                                "P_off", "P_brake", "E_release", "t_close",    "t_release", "controller",
+                                                "C",     "V_min",   "V_max",     "efficiency", "eta_r"};
+
 }  // namespace cotwin::energetics

@@ -68,6 +68,12 @@ inline constexpr auto kDriveParameters = [] {
   });
 }();
 
+/// The names of the table, in its order.
+inline constexpr auto kDriveParameterNames = [] {
+  std::array<const char*, kDriveParameters.size()> names{};
+  for (std::size_t i = 0; i < names.size(); ++i) names[i] = kDriveParameters[i].name;
+  return names;
+}();
 /// Throws Error for a name that is not in the table.
 const ParameterRow<DriveParameters>& drive_parameter(std::string_view name);
 
