@@ -47,6 +47,9 @@ void Indices::declare_settings(SettingList& s) {
   s.text("parts", "hands_and_fingers,chest", "body parts or regions for the speed limits: names of the table body_parts");
   s.choice("contact", {"transient", "quasi_static"},
            "limits of body parts for short contact that the person can leave, or for clamping");
+  s.choice("robot_mass", {"larger", "effective"},
+           "mass of the robot for the body parts: the larger one of M/2 + m_L (ISO/TS 15066, A.3.4) and effective_mass, or "
+           "effective_mass, for which the motors must be known (B)");
   s.choice("base", {"fixed", "floating"}, "the base of the robot is fixed or moves freely, for example a satellite's");
 }
 
@@ -79,6 +82,7 @@ Indices::Indices(Settings& settings, const robot::RobotModel& robot, bool floati
   held_ = settings.choice("motors") == "held";
   names_ = listed(settings.text("parts"));
   transient_ = settings.choice("contact") == "transient";
+  only_effective_ = settings.choice("robot_mass") == "effective";
   const auto n = static_cast<std::size_t>(robot.n());
   for (Joints* joints : {&q_, &dq_, &tau_max_, &B_, &gradient_}) joints->resize(n);
   for (Joints* part : {&mu_, &collision_, &v_max_}) part->resize(names_.size());
@@ -111,7 +115,11 @@ void Indices::declare(Variables& v) {
       .range(0, 1e12);
   v.parameter("body_parts", body_parts_, "table of body parts (CSV) with the columns of models/people/iso_ts_15066.csv");
   auto B = joints.parameter(drive_, robot::drive_parameter("B"), true, "; with motors=held");
-  if (held_) B.essential();
+  if (only_effective_) {
+    B.required();  // a mass without motors permits speeds that hurt
+  } else if (held_) {
+    B.essential();
+  }
 
   v.output("effective_mass", mass_, "kg", "m_u of E along u: a force along u accelerates E by force / m_u; 1e12: cannot move");
   v.output("effective_inertia", inertia_, "kg.m2", "likewise about u: a moment over it is the angular acceleration about u");
@@ -138,11 +146,14 @@ void Indices::declare(Variables& v) {
         "least singular value of the generalised Jacobian J*, m per rad (m), rotations times 0.3 m; 0: dynamically singular");
   }
   if (names_.empty()) return;
-  v.output("reduced_mass", mu_, "kg", "of effective_mass and the mass of each body part of the setting parts");
+  v.output("reduced_mass", mu_, "kg", "of the mass of the setting robot_mass and that of each body part of the setting parts");
   v.output("collision_energy", collision_, "J", "energy that a collision with each body part at rest takes up at this speed");
   v.output("v_max", v_max_, "m/s",
            "speed along u at which each body part at rest receives its permissible force; 0: contact is not permitted");
   v.state("too_fast", fast_, "1 for a body part once the speed was above (1 - margin) v_max");
+  v.tunable("load", load_, "kg", "m_L at E that is no body of the robot, in both masses for the body parts").range(0, 1e6);
+  v.output("simple_mass", simple_mass_, "kg",
+           "M/2 + m_L of ISO/TS 15066, A.3.4; M: what moves, with the tools that are attached");
 }
 
 void Indices::declare_ellipsoid(Variables& v, const std::string& name, EllipsoidPorts& e, const std::string& what,
@@ -235,6 +246,7 @@ void Indices::restored() {
 }
 
 void Indices::adopt_bodies() {
+  moving_mass_ = robot::moving_mass(bodies_.robot()) + (floating_ ? bodies_.robot().base.inertia.mass : 0);
   if (floating_) floating_->mechanism.update(bodies_.robot());
 }
 
@@ -303,7 +315,9 @@ void Indices::compute() {
   robot::dynamic_manipulability(mechanism, data, q_all_, dq_all_, frame, f, tau_max_all_, dynamic_);
   dyn_v_.write(dynamic_.translation, R_WB);
   dyn_w_.write(dynamic_.rotation, R_WB);
-  compute_body_parts(mass, std::abs(speed_));
+  simple_mass_ = robot::simple_effective_mass(moving_mass_, load_);
+  const double with_load = robot::effective_mass(f, u, load_);
+  compute_body_parts(only_effective_ ? with_load : std::max(with_load, simple_mass_), std::abs(speed_));
 }
 
 void Indices::compute_reaction() {

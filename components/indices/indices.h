@@ -23,8 +23,8 @@ namespace cotwin::indices {
 /// are those of the generalised Jacobian. Z and the singular values of Z and J* tell how the joints turn the base, and where they
 /// cannot move the frame (V-C).
 ///
-/// Body parts: collision with the reduced mass μ = (1/m_u + 1/m_H)⁻¹ at the speed of E along u, v_max = F_max/√(μ k_H). The
-/// bodies of the robot and B may be changed during the run; the values in force follow smoothly.
+/// Body parts: collision with the reduced mass μ = (1/m + 1/m_H)⁻¹ at the speed of E along u, v_max = F_max/√(μ k_H); m is the larger one of
+/// m_u and M/2 + m_L (ISO/TS 15066, A.3.4), or with robot_mass=effective m_u. The bodies of the robot and B may be changed during the run; the values in force follow smoothly.
 class Indices final : public Unit {
  public:
   static void declare_settings(SettingList& s);
@@ -91,7 +91,7 @@ class Indices final : public Unit {
   std::unique_ptr<Floating> floating_;  // nullptr: the base is fixed
   Along along_;
   bool held_;  // motors=held
-  bool transient_;
+  bool transient_, only_effective_;
   std::vector<std::size_t> passive_;    // joints without a motor
   std::vector<std::size_t> unlimited_;  // joints without a torque limit in the URDF
   std::vector<std::string> names_;      // of the selected body parts
@@ -102,7 +102,7 @@ class Indices final : public Unit {
   std::array<double, 3> base_v_{}, base_w_{};  // of a floating base
   // Parameters and tunables.
   std::array<double, 3> u_{0, 0, 1};
-  double margin_ = 0, area_ = 0, transition_ = 0.05;
+  double margin_ = 0, area_ = 0, transition_ = 0.05, load_ = 0;
   Joints tau_max_;
   std::string body_parts_ = "people/iso_ts_15066.csv";
   robot::DriveParameters drive_;
@@ -110,13 +110,14 @@ class Indices final : public Unit {
   Joints B_;                        // in force
   std::vector<std::int32_t> fast_;  // 1: the speed was above the limit of this part
   // Outputs.
-  double mass_ = 0, inertia_ = 0, speed_ = 0, energy_ = 0;
+  double mass_ = 0, inertia_ = 0, speed_ = 0, energy_ = 0, simple_mass_ = 0;
   Joints gradient_;
   EllipsoidPorts kin_v_, kin_w_, dyn_v_, dyn_w_;
   Joints mu_, collision_, v_max_;
   std::string warning_;
 
   std::vector<robot::BodyPart> parts_;  // selected
+  double moving_mass_ = 0;              // kg, in force
   // Of a floating robot with the six joints of its base first.
   Eigen::VectorXd q_all_, dq_all_, tau_max_all_, gradient_all_;
   robot::FrameInertia inertia_at_E_;

@@ -5,6 +5,7 @@
 #include <limits>
 #include <optional>
 #include <span>
+#include <tuple>
 
 #include "components/services/extremes.h"
 #include "models/foundation/support/error.h"
@@ -25,6 +26,7 @@ class Along {
         data_(mechanism_),
         frame_(robot::on_body(o.frame.empty() ? robot.end_effector() : robot.frame(o.frame))),
         B_(o.motors_held ? o.B : std::vector<double>{}),
+        load_(o.load),
         f_(static_cast<int>(robot.joints.size())),
         q_(robot.n()),
         dq_(robot.n()),
@@ -59,7 +61,7 @@ class Along {
                                                    : Eigen::Vector3d::UnitX();
     Sample s;
     s.t = t;
-    s.mass = robot::effective_mass(f_, u);
+    s.mass = robot::effective_mass(f_, u, load_);
     s.speed = u.dot(v);
     s.inertia = robot::effective_inertia(f_, u);
     s.counts = u_.has_value() || moves;
@@ -112,6 +114,7 @@ class Along {
   robot::Data data_;
   robot::FrameOnBody frame_;
   std::vector<double> B_;
+  double load_;
   robot::FrameInertia f_;
   Eigen::VectorXd q_, dq_, ddq_;
   trajectory::Path path_;
@@ -126,39 +129,57 @@ PathMasses masses_along(const robot::RobotModel& robot, const Move& move, const 
 
 PathSafety safety_along(const robot::RobotModel& robot, const Move& move, const ContactOptions& o) {
   if (o.parts.empty()) throw Error("parts", "name no body part, expected at least one");
-  if (!(o.area >= 0 && std::isfinite(o.area)))
-    throw Error("area", text::to_text(o.area) + " m2, expected a number of 0 or more");
+  for (const auto& [name, value, unit] : {std::tuple{"area", o.area, " m2"}, {"load", o.load, " kg"}})
+    if (!(value >= 0 && std::isfinite(value)))
+      throw Error(name, text::to_text(value) + unit + ", expected a number of 0 or more");
   Along along(robot, move, o);
   const std::vector<Along::Sample> grid = along.grid();
   PathSafety r;
   r.masses = along.masses(grid, o.samples);
   r.T = along.T;
   r.safe = true;
+  const double simple = robot::simple_effective_mass(robot::moving_mass(robot), o.load);
   for (const robot::BodyPart& part : o.parts) {
     const double force = (o.transient ? part.transient : part.quasi_static).on(o.area);
-    const auto limit = [&](const MassAt& s) {
-      return force > 0 ? robot::speed_limit_of_force(force, part.stiffness, robot::reduced_mass(s.mass, part.mass)) : 0;
+    const auto limit = [&](double mass) {
+      return force > 0 ? robot::speed_limit_of_force(force, part.stiffness, robot::reduced_mass(mass, part.mass)) : 0;
     };
-    const auto share = [&](const MassAt& s) {
-      const double permitted = limit(s);
-      return s.speed == 0 ? 0 : permitted > 0 ? std::abs(s.speed) / permitted : std::numeric_limits<double>::infinity();
+    const auto share = [&](double mass, double speed) {
+      const double permitted = limit(mass);
+      return speed == 0 ? 0 : permitted > 0 ? std::abs(speed) / permitted : std::numeric_limits<double>::infinity();
     };
-    const auto energy = [&](const MassAt& s) {
-      return robot::collision_energy(robot::reduced_mass(s.mass, part.mass), std::abs(s.speed));
+    const auto energy = [&](double mass, double speed) {
+      return robot::collision_energy(robot::reduced_mass(mass, part.mass), std::abs(speed));
     };
-    const MassAt worst = along.largest(grid, share), hardest = along.largest(grid, energy);
-    PartRisk risk;
-    risk.name = part.name;
-    risk.share = share(worst);
-    risk.t = worst.t;
-    risk.speed = std::abs(worst.speed);
-    risk.limit = limit(worst);
-    risk.energy = energy(hardest);
-    risk.t_energy = risk.energy > 0 ? hardest.t : 0;
-    // Speeds are proportional to 1/T, masses and limits depend on the shape alone.
-    risk.T_safe = r.T * risk.share;
-    r.safe = r.safe && risk.share <= 1 + 1e-12;
-    r.parts.push_back(risk);
+    const auto risk = [&](const MassAt& worst, const MassAt& hardest) {
+      MassRisk m;
+      m.mass = worst.mass;
+      m.share = share(worst.mass, worst.speed);
+      m.t = worst.t;
+      m.speed = std::abs(worst.speed);
+      m.limit = limit(worst.mass);
+      m.energy = energy(hardest.mass, hardest.speed);
+      m.t_energy = m.energy > 0 ? hardest.t : 0;
+      // Speeds are proportional to 1/T, masses and limits depend on the shape alone.
+      m.T_safe = r.T * m.share;
+      return m;
+    };
+    const auto share_at = [&](const MassAt& s) { return share(s.mass, s.speed); };
+    const auto energy_at = [&](const MassAt& s) { return energy(s.mass, s.speed); };
+    MassAt fastest = r.masses.fastest;
+    fastest.mass = simple;
+    PartRisk own;
+    own.name = part.name;
+    own.effective = risk(along.largest(grid, share_at), along.largest(grid, energy_at));
+    own.simple = risk(fastest, fastest);
+    // At each time the larger mass has the larger share and the larger energy: so have their largest values.
+    own.decisive = !o.only_effective && own.simple.share > own.effective.share ? own.simple : own.effective;
+    if (!o.only_effective && own.simple.energy > own.effective.energy) {
+      own.decisive.energy = own.simple.energy;
+      own.decisive.t_energy = own.simple.t_energy;
+    }
+    r.safe = r.safe && own.decisive.share <= 1 + 1e-12;
+    r.parts.push_back(own);
   }
   return r;
 }

@@ -13,9 +13,11 @@ struct ContactOptions {
   bool motors_held = false;          // false: M, a blow; true: M + B, slower motions (needs the inertias of the motors)
   std::vector<double> B;             // inertias of the motors, n; for motors_held
   std::vector<robot::BodyPart> parts;
-  bool transient = true;      // contact that the person can leave; false: clamping
-  double area = 0;            // m², of the contact; 0: the pressure is not considered
-  std::size_t samples = 401;  // of the series
+  bool transient = true;        // contact that the person can leave; false: clamping
+  double area = 0;              // m², of the contact; 0: the pressure is not considered
+  double load = 0;              // kg, at the frame
+  bool only_effective = false;  // the verdict is that of the effective mass, not of the larger of both
+  std::size_t samples = 401;    // of the series
 };
 
 /// A mass is +∞ in a direction in which the joints cannot move the frame.
@@ -30,13 +32,20 @@ struct PathMasses {
   std::vector<double> t, mass, inertia, speed;     // at `samples` equidistant times; s, kg, kg m² about the direction, m/s
 };
 
-/// A body part in front of the frame: the limit is least where the reflected mass is largest.
-struct PartRisk {
-  std::string name;
+/// A body part in front of the frame, for one mass of the robot: the limit is least where the mass is largest.
+struct MassRisk {
+  double mass = 0;                  // kg, there
   double share = 0, t = 0;          // largest |speed| over its limit; > 1: too fast
   double speed = 0, limit = 0;      // m/s, there
   double energy = 0, t_energy = 0;  // largest energy of a collision, J
   double T_safe = 0;                // s, duration from which on the shape is within the limit; +∞: contact is not permitted
+};
+
+struct PartRisk {
+  std::string name;
+  MassRisk effective;  // m_u of the frame, with the load
+  MassRisk simple;     // M/2 + m_L of ISO/TS 15066, A.3.4
+  MassRisk decisive;   // of the larger mass, or of the effective one
 };
 
 struct PathSafety {

@@ -153,13 +153,14 @@ ContactMotion::Largest ContactMotion::largest(std::size_t count, const double* q
     const Eigen::Vector3d u = frame_.u             ? *frame_.u
                               : towards.norm() > 0 ? Eigen::Vector3d(towards.stableNormalized())
                                                    : Eigen::Vector3d::UnitX();
-    mass_[i] = robot::effective_mass(inertia_, u);
+    mass_[i] = robot::effective_mass(inertia_, u, frame_.load);
+    const double mass = std::max(mass_[i], frame_.least_mass);
     const double speed = std::abs(u.dot(v));
     for (const robot::BodyPart& part : frame_.parts) {
       const double force = (frame_.transient ? part.transient : part.quasi_static).on(frame_.area);
       if (speed > 0)
-        share_[i] = std::max(
-            share_[i], speed / robot::speed_limit_of_force(force, part.stiffness, robot::reduced_mass(mass_[i], part.mass)));
+        share_[i] = std::max(share_[i],
+                             speed / robot::speed_limit_of_force(force, part.stiffness, robot::reduced_mass(mass, part.mass)));
     }
   }
   return {largest_of(mass_, norm), largest_of(share_, norm)};

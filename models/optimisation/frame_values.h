@@ -21,6 +21,8 @@ struct ContactFrame {
   std::vector<robot::BodyPart> parts;  // of kSafety
   bool transient = true;               // contact that the person can leave; false: clamping
   double area = 0;                     // m², of the contact; 0: the pressure is not considered
+  double load = 0;                     // kg, at the frame
+  double least_mass = 0;               // kg, that counts at least for kSafety: robot::simple_effective_mass(); 0: m_u alone
 };
 
 /// A frame that an admittance lets deviate from the motion, independently along each axis:

@@ -1,6 +1,7 @@
 #include "models/robot/indices.h"
 
 #include <Eigen/Geometry>
+#include <Eigen/LU>
 #include <algorithm>
 #include <array>
 #include <cassert>
@@ -219,6 +220,14 @@ void frame_inertia(const FloatingMechanism& mechanism, FloatingData& d, const Ve
 }
 
 double effective_mass(const FrameInertia& f, const Eigen::Vector3d& u) { return 1 / mobility(f, kTranslation, u); }
+double effective_mass(const FrameInertia& f, const Eigen::Vector3d& u, double load) {
+  if (!(load > 0)) return effective_mass(f, u);
+  const double free = mobility(f, kTranslation, u);
+  if (free == 0) return kInfinite;
+  if (std::isinf(free)) return load;  // a joint without mass moves the frame
+  const Eigen::Matrix3d P = f.Lambda_inverse.topLeftCorner<3, 3>();
+  return 1 / u.dot((Eigen::Matrix3d::Identity() + load * P).partialPivLu().solve(P * u));
+}
 double effective_inertia(const FrameInertia& f, const Eigen::Vector3d& u) { return 1 / mobility(f, kRotation, u); }
 
 void effective_mass_gradient(const Mechanism& mechanism, Data& data, const VectorIn& q, const FrameOnBody& frame,
@@ -281,6 +290,14 @@ void singular_values(Eigen::Ref<Eigen::MatrixXd> rows, VectorOut values) {
   values = rows.colwise().norm().transpose();
   std::sort(values.data(), values.data() + values.size(), std::greater<>());
 }
+
+double moving_mass(const RobotModel& robot) {
+  double M = 0;
+  for (const Body& body : robot.bodies) M += body.inertia.mass;
+  return M;
+}
+
+double simple_effective_mass(double M, double m_L) { return M / 2 + m_L; }
 
 double reduced_mass(double m_u, double m_H) { return 1 / (1 / m_u + 1 / m_H); }
 double collision_energy(double mu, double v) { return mu * v * v / 2; }

@@ -47,6 +47,8 @@ void frame_inertia(const FloatingMechanism&, FloatingData&, const VectorIn& q, c
 
 /// m_u, kg.
 double effective_mass(const FrameInertia&, const Eigen::Vector3d& u);
+/// The same with a point mass `load` (kg) at F's origin: (Λ_v + load 1)⁻¹ in place of Λ_v⁻¹.
+double effective_mass(const FrameInertia&, const Eigen::Vector3d& u, double load);
 /// I_u, kg m².
 double effective_inertia(const FrameInertia&, const Eigen::Vector3d& u);
 
@@ -86,6 +88,11 @@ void dynamic_manipulability(const Mechanism&, Data&, const VectorIn& q, const Ve
 
 /// The singular values of A, descending, from Aᵀ in `rows`, which it changes. Small ones are accurate.
 void singular_values(Eigen::Ref<Eigen::MatrixXd> rows, VectorOut values);
+
+/// M: mass of all bodies that joints move, kg.
+double moving_mass(const RobotModel& robot);
+/// Effective mass of a robot without data of its drives and posture, M/2 + m_L (ISO/TS 15066:2016, A.3.4), with the load m_L, kg.
+double simple_effective_mass(double M, double m_L);
 
 /// μ = (1/m_u + 1/m_H)⁻¹ of two bodies that collide, kg. Each may be infinite.
 double reduced_mass(double m_u, double m_H);

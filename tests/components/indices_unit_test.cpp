@@ -47,11 +47,27 @@ TEST(IndicesUnit, HasTheFiguresOfTheReferencePose) {
   blow.initialise();
   EXPECT_NEAR(blow.real("effective_mass"), 3.28702, 5e-6);
   EXPECT_NEAR(blow.real("effective_inertia"), 4.4007e-4, 5e-9);
-  // Hand: 0.6 kg, 75 N/mm, 280 N; chest: 40 kg, 25 N/mm, 280 N.
-  EXPECT_NEAR(blow["v_max"][0], 1.435, 5e-4);
-  EXPECT_NEAR(blow["v_max"][1], 1.016, 5e-4);
-  EXPECT_NEAR(blow["reduced_mass"][0], 0.5074, 5e-5);
-  EXPECT_NEAR(blow["reduced_mass"][1], 3.037, 5e-4);
+  // Hand: 0.6 kg, 75 N/mm, 280 N; chest: 40 kg, 25 N/mm, 280 N. The links have 16.37074 kg, of which half is the larger mass.
+  EXPECT_NEAR(blow.real("simple_mass"), 8.18537, 5e-6);
+  EXPECT_NEAR(blow["v_max"][0], 1.3675, 5e-4);
+  EXPECT_NEAR(blow["v_max"][1], 0.6793, 5e-4);
+  EXPECT_NEAR(blow["reduced_mass"][0], 0.55902, 5e-5);
+  EXPECT_NEAR(blow["reduced_mass"][1], 6.7949, 5e-4);
+  blow.set("load", {5});
+  blow.step();
+  EXPECT_NEAR(blow.real("simple_mass"), 13.18537, 5e-6);
+  EXPECT_NEAR(blow["reduced_mass"][1], 1 / (1 / 13.18537 + 1.0 / 40), 5e-6);
+  EXPECT_NEAR(blow.real("effective_mass"), 3.28702, 5e-6);  // of the robot without it
+  blow.set("load", {0});
+
+  Subject effective("robot=lwr4&frame=link_7&robot_mass=effective");
+  effective.set("q", reference_pose());
+  effective.set("B", {3, 3, 2, 2, 1, 0.6, 0.5});
+  effective.initialise();
+  EXPECT_NEAR(effective["v_max"][0], 1.435, 5e-4);
+  EXPECT_NEAR(effective["v_max"][1], 1.016, 5e-4);
+  EXPECT_NEAR(effective["reduced_mass"][0], 0.5074, 5e-5);
+  EXPECT_NEAR(effective["reduced_mass"][1], 3.037, 5e-4);
   blow.set("u", {7, 0, 0});  // the length has no meaning
   blow.step();
   EXPECT_NEAR(blow.real("effective_mass"), 4.90484, 5e-6);
@@ -109,7 +125,7 @@ TEST(IndicesUnit, TellsWhichLimitsWereExceeded) {
   s.set("q", reference_pose());
   s.initialise();
   EXPECT_EQ(s.text("warning"), "");
-  s.set("dq", {0, 0.75, 0, -0.5, 0, 0, 0});
+  s.set("dq", {0, 0.6, 0, -0.4, 0, 0, 0});
   s.step();
   const double speed = std::abs(s.real("speed"));
   ASSERT_GT(speed, 0.1);

@@ -273,15 +273,20 @@ Json answer_throughput(const Robot& robot, Reader& r, const Context& context) {
   if (!r.finish(context)) return {};
   const Plan p = plan_of(robot, m);
   const Throughput t = throughput(p.solution.T, slowest, process);
-  Json reply{{"feasible", feasible(p)},     {"reason", p.solution.reason}, {"T_move_s", t.T_move},
-             {"T_settle_s", t.T_settle},    {"T_process_s", t.T_process},  {"T_cycle_s", t.T_cycle},
-             {"moves_per_hour", t.per_hour}};
+  const auto figure = [&](double x) { return feasible(p) ? Json(x) : Json(nullptr); };
+  Json reply{{"feasible", feasible(p)},
+             {"reason", p.solution.reason},
+             {"T_move_s", t.T_move},
+             {"T_settle_s", t.T_settle},
+             {"T_process_s", t.T_process},
+             {"T_cycle_s", figure(t.T_cycle)},
+             {"moves_per_hour", figure(t.per_hour)}};
   add_notes(reply, p.notes);
   if (detail >= Detail::kMargins) {
     const Throughput stiff = throughput(p.solution.T, 0, process);
     reply["axes_T_settle_s"] = settle;
-    reply["stiff_moves_per_hour"] = stiff.per_hour;
-    reply["lost_share"] = 1 - t.per_hour / stiff.per_hour;
+    reply["stiff_moves_per_hour"] = figure(stiff.per_hour);
+    reply["lost_share"] = figure(1 - t.per_hour / stiff.per_hour);
   }
   return reply;
 }

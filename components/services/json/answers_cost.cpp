@@ -4,7 +4,9 @@
 
 #include "components/services/energy_service.h"
 #include "components/services/json/answers.h"
+#include "components/services/json/assumptions.h"
 #include "components/services/json/contact_json.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::services {
 
@@ -58,6 +60,20 @@ Json place(const MassAt& at) { return {{"mass_kg", finite(at.mass)}, {"speed_m_p
 
 Json series_of(const PathMasses& m) {
   return {{"t_s", m.t}, {"mass_kg", all_finite(m.mass)}, {"inertia_kgm2", all_finite(m.inertia)}, {"speed_m_per_s", m.speed}};
+}
+
+Json risk_json(const MassRisk& m) {
+  return {
+      {"share", finite(m.share)},         {"t_s", m.t},           {"speed_m_per_s", m.speed}, {"mass_kg", finite(m.mass)},
+      {"limit_m_per_s", finite(m.limit)}, {"energy_J", m.energy}, {"energy_t_s", m.t_energy}, {"T_safe_s", finite(m.T_safe)}};
+}
+
+/// "0.9 m/s at chest, limit 2.2 m/s by the effective mass of 0.6 kg, 0.5 m/s by M/2 + load = 14.5 kg (ISO/TS 15066, A.3.4)"
+std::string too_fast(const PartRisk& p) {
+  const auto number = [](double x) { return text::to_text(x, 3); };
+  return number(p.decisive.speed) + " m/s at " + p.name + ", limit " + number(p.effective.limit) +
+         " m/s by the effective mass of " + number(p.effective.mass) + " kg, " + number(p.simple.limit) +
+         " m/s by M/2 + load = " + number(p.simple.mass) + " kg (ISO/TS 15066, A.3.4)";
 }
 
 }  // namespace
@@ -171,21 +187,26 @@ Json answer_safety(const Robot& robot, Reader& r, const Context& context) {
   if (!r.finish(context)) return {};
   Json reply = Json::object();
   const PathSafety s = safety_along(robot.model, planned(robot, m, reply), o);
-  const PartRisk* worst = &s.parts.front();
-  for (const PartRisk& part : s.parts)
-    if (part.share > worst->share) worst = &part;
-  reply.update(Json{{"safe", s.safe}, {"T_s", s.T}, {"T_safe_s", finite(worst->T_safe)}, {"worst_part", worst->name}});
+  const PartRisk& worst = *std::ranges::max_element(s.parts, {}, [](const PartRisk& p) { return p.decisive.share; });
+  const std::string unknown = unknown_motors(robot);
+  reply.update(Json{{"safe", unknown.empty() ? Json(s.safe) : Json(nullptr)},
+                    {"safe_reason", unknown.empty() && s.safe ? "" : too_fast(worst) + (unknown.empty() ? "" : ": " + unknown)},
+                    {"T_s", s.T},
+                    {"T_safe_s", finite(worst.decisive.T_safe)},
+                    {"worst_part", worst.name},
+                    {"mass", o.only_effective ? "effective" : "larger"},
+                    {"load_kg", o.load},
+                    {"effective", risk_json(worst.effective)},
+                    {"iso_ts_15066", risk_json(worst.simple)}});
   if (detail >= Detail::kMargins) {
     Json parts = Json::array();
-    for (const PartRisk& p : s.parts)
-      parts.push_back({{"part", p.name},
-                       {"share", finite(p.share)},
-                       {"t_s", p.t},
-                       {"speed_m_per_s", p.speed},
-                       {"limit_m_per_s", finite(p.limit)},
-                       {"energy_J", p.energy},
-                       {"energy_t_s", p.t_energy},
-                       {"T_safe_s", finite(p.T_safe)}});
+    for (const PartRisk& p : s.parts) {
+      Json own{{"part", p.name}};
+      own.update(risk_json(p.decisive));
+      own["effective"] = risk_json(p.effective);
+      own["iso_ts_15066"] = risk_json(p.simple);
+      parts.push_back(own);
+    }
     reply["parts"] = parts;
     reply["heaviest"] = place(s.masses.heaviest);
     reply["fastest"] = place(s.masses.fastest);

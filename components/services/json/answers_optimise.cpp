@@ -156,7 +156,8 @@ void read_contact(const Robot& robot, Reader& r, Problem& p) {
   const bool safety = has_cost(p, Quantity::kSafety);
   const bool contact = safety || has_cost(p, Quantity::kMass);
   for (const char* name : {"frame", "direction", "motors"}) r.only_if(contact, name, "the cost effective_mass or safety");
-  for (const char* name : {"parts", "contact", "contact_area_m2"}) r.only_if(safety, name, "the cost safety");
+  for (const char* name : {"parts", "contact", "contact_area_m2", "load_kg", "mass"})
+    r.only_if(safety, name, "the cost safety");
   if (!contact && !r.describes()) return;
   ContactOptions o =
       read_contact_frame(robot, r, "of the costs effective_mass and safety; without it the end effector",
@@ -174,6 +175,8 @@ void read_contact(const Robot& robot, Reader& r, Problem& p) {
   frame.parts = o.parts;
   frame.transient = o.transient;
   frame.area = o.area;
+  frame.load = o.load;
+  if (safety && !o.only_effective) frame.least_mass = robot::simple_effective_mass(robot::moving_mass(robot.model), o.load);
   p.contact = frame;
 }
 
@@ -463,6 +466,8 @@ Json answer_optimise(const Robot& robot, Reader& r, const Context& context) {
       reply["reason"] = "compliance: " + reply["compliance"]["reason"].get<std::string>();
     }
   }
+  if (reply["feasible"] == false && reply.contains("compliance"))
+    for (const char* figure : {"T_cycle_s", "moves_per_hour"}) reply["compliance"][figure] = nullptr;
   if (detail >= Detail::kMargins) {
     reply["evaluations"] = evaluations;
     reply["pruned"] = s.pruned;

@@ -1,5 +1,6 @@
 #include "components/services/json/contact_json.h"
 
+#include "components/services/json/assumptions.h"
 #include "models/foundation/support/error.h"
 
 namespace cotwin::services {
@@ -43,6 +44,12 @@ void read_body_parts(const Robot& robot, Reader& r, ContactOptions& o, const cha
   }
   o.transient = r.word("contact", {"transient", "quasi_static"}) == "transient";
   o.area = r.positive("contact_area_m2", 0, "also the permissible pressure counts");
+  o.load = r.not_negative("load_kg", 0, "at the frame, in both masses of the robot; the move is planned without it");
+  o.only_effective = r.word("mass", {"larger", "effective"},
+                            "that counts: the larger one of M/2 + m_L (ISO/TS 15066, A.3.4) and the effective mass, or the "
+                            "effective mass, for which the motors must be known") == "effective";
+  if (const std::string why = r.describes() ? "" : unknown_motors(robot); o.only_effective && !why.empty())
+    throw RequestError(r.pointer("mass"), "is effective, but " + why + ", expected larger");
 }
 
 }  // namespace cotwin::services

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "components/services/json/answers.h"
+#include "components/services/json/assumptions.h"
 #include "components/services/json/move_json.h"
 #include "components/services/json/schema_parts.h"
 #include "models/foundation/support/text.h"
@@ -49,7 +50,12 @@ Json with_notes(Json reply, const Robot& robot) {
 Json reply_to(const Robot& robot, Reader& r, const Context& context) {
   const std::string service = r.text("service");
   for (const auto& [name, description, answer] : kServices)
-    if (service == name) return context.only_read ? answer(robot, r, context) : with_notes(answer(robot, r, context), robot);
+    if (service == name) {
+      Json reply = answer(robot, r, context);
+      if (context.only_read) return reply;
+      add_assumptions(service, robot, r, reply);
+      return with_notes(std::move(reply), robot);
+    }
   r.word("service", service_names());
   throw RequestError("/service", "is unknown");
 }

@@ -56,6 +56,11 @@ std::string answer_object(Robots& robots, const nlohmann::ordered_json& request,
 /// of another type, sizes, limits. Quick: no motion is computed. An answer may still fail, as where no duration meets the bounds.
 void check_object(Robots& robots, const nlohmann::ordered_json& request);
 
+/// Which data the robot has: of each file of kDataFiles "missing", "given", "partly assumed" or "assumed".
+nlohmann::ordered_json data_of(const Robot& robot);
+/// The same of all robots by name, with the number of joints; of one that cannot be read {"problem": "…"}.
+nlohmann::ordered_json data_of_all(Robots& robots);
+
 /// The member of a request to `robots` that has this vector of joint positions: "from_q_rad", or "from_q" for a robot with prismatic
 /// joints. Throws Error.
 std::string posture_member(Robots& robots, const nlohmann::ordered_json& request, const std::string& plain);

@@ -95,6 +95,19 @@ Json masses() {
       .must("speed_m_per_s", kNumbers);
 }
 
+Object risk() {
+  return Object()
+      .must("share", kNumberOrNull)
+      .must("t_s", kNumber)
+      .must("speed_m_per_s", kNumber)
+      .must("mass_kg", kNumberOrNull)
+      .must("limit_m_per_s", kNumberOrNull)
+      .must("energy_J", kNumberOrNull)
+      .must("energy_t_s", kNumber)
+      .must("T_safe_s",
+            described(kNumberOrNull, "from which on the move is within the limits; null: contact is not permitted"));
+}
+
 Json clear_of() {
   return Object()
       .must("clear", kBoolean)
@@ -131,7 +144,8 @@ Json found_compliance() {
   Object o;
   o.must("feasible", kBoolean).must("reason", kText);
   for (const char* name : {"T_settle_s", "T_cycle_s", "moves_per_hour"})
-    o.must(name, described(kNumberOrNull, "null: no parameters meet the conditions"));
+    o.must(name,
+           described(kNumberOrNull, "null: no parameters meet the conditions, or of a cycle: the motion is not feasible"));
   for (const char* name : {"M_kg", "D_Ns_per_m", "S_N_per_m", "zeta", "omega_rad_per_s"})
     o.may(name, described(kNumberOrNull, "null: no parameters meet the conditions"));
   Object axis;

@@ -85,6 +85,7 @@ Json extreme();
 Json base_at();
 Json place();
 Json masses();
+Object risk();
 Json clear_of();
 Json verified();
 Json found_compliance();

@@ -121,20 +121,17 @@ const std::pair<const char*, Json (*)()> kReplies[] = {
        return Object()
            .must("feasible", kBoolean)
            .must("reason", kText)
-           .must("safe", kBoolean)
+           .must("safe", described({{"type", {"boolean", "null"}}}, "null: nobody can say, safe_reason tells why"))
+           .must("safe_reason", kText)
            .must("T_s", kNumber)
            .must("T_safe_s", described(kNumberOrNull,
                                        "duration from which on the move is within the limits; null: contact is not permitted"))
            .must("worst_part", kText)
-           .may("parts", array_of(Object()
-                                      .must("part", kText)
-                                      .must("share", kNumberOrNull)
-                                      .must("t_s", kNumber)
-                                      .must("speed_m_per_s", kNumber)
-                                      .must("limit_m_per_s", kNumberOrNull)
-                                      .must("energy_J", kNumberOrNull)
-                                      .must("energy_t_s", kNumber)
-                                      .must("T_safe_s", kNumberOrNull)))
+           .must("mass", {{"enum", {"larger", "effective"}}})
+           .must("load_kg", kNumber)
+           .must("effective", described(risk(), "worst_part with the effective mass of the frame"))
+           .must("iso_ts_15066", described(risk(), "worst_part with M/2 + m_L (ISO/TS 15066, A.3.4)"))
+           .may("parts", array_of(risk().must("part", kText).must("effective", risk()).must("iso_ts_15066", risk())))
            .may("heaviest", place())
            .may("fastest", place())
            .may("series", masses());
@@ -172,11 +169,11 @@ const std::pair<const char*, Json (*)()> kReplies[] = {
            .must("T_move_s", kNumber)
            .must("T_settle_s", kNumber)
            .must("T_process_s", kNumber)
-           .must("T_cycle_s", kNumber)
-           .must("moves_per_hour", kNumber)
+           .must("T_cycle_s", described(kNumberOrNull, "null: the move is not feasible"))
+           .must("moves_per_hour", described(kNumberOrNull, "null: the move is not feasible"))
            .may("axes_T_settle_s", kNumbers)
-           .may("stiff_moves_per_hour", kNumber)
-           .may("lost_share", kNumber);
+           .may("stiff_moves_per_hour", kNumberOrNull)
+           .may("lost_share", kNumberOrNull);
      }},
     {"optimise",
      []() -> Json {
@@ -219,6 +216,13 @@ const std::pair<const char*, Json (*)()> kReplies[] = {
 schemas::Json reply_schema(const std::string& name) {
   using namespace schemas;
   Json reply = std::ranges::find(kReplies, name, [](const auto& each) { return each.first; })->second();
+  reply["properties"]["assumptions"] =
+      described(array_of(Object()
+                             .must("what", kText)
+                             .must("value", {{"type", {"number", "array", "null"}}, {"items", kNumber}})
+                             .must("effect", kText)
+                             .must("file", kText)),
+                "what is unknown or assumed, and counts nevertheless");
   reply["properties"]["notes"] = described(array_of(kText), "what else the reader of the reply has to know");
   return reply;
 }

@@ -157,25 +157,25 @@ TEST(Notes, ExplainADurationThatIsFarLongerThanTheBoundsOfSpeedNeed) {
   const json slow = ask(robots, request);
   ASSERT_TRUE(slow["feasible"].get<bool>()) << slow;
   EXPECT_GT(slow["T_s"].get<double>(), 100);
-  ASSERT_EQ(slow["notes"].size(), 1U);
+  ASSERT_EQ(slow["notes"].size(), 2U);  // the second one tells of assumptions
   const std::string note = slow["notes"][0];
   EXPECT_THAT(note, HasSubstr("the motion creeps"));
   EXPECT_THAT(note, HasSubstr("joint_2"));
   EXPECT_THAT(note, HasSubstr("of 36 N m"));
   EXPECT_THAT(note, HasSubstr("a real robot would stand still"));
   request.erase("tau_max_Nm");
-  EXPECT_FALSE(ask(robots, request).contains("notes"));
+  EXPECT_THAT(ask(robots, request)["notes"].dump(), Not(HasSubstr("creeps")));
   // A duration that the request gives is not questioned.
   json timed = lwr_move("feasibility");
   timed["T_s"] = 500;
-  EXPECT_FALSE(ask(robots, timed).contains("notes"));
+  EXPECT_THAT(ask(robots, timed)["notes"].dump(), Not(HasSubstr("creeps")));
   // A light, weak wheel is slow because of its inertia.
   const testing::TemporaryFolder folder("weak");
   write_robot(folder.path() / "wheel.urdf", "revolute", R"(lower="-3" upper="3" velocity="1000" effort="0.1")");
   Robots weak({folder.path()});
   const json heavy = ask(weak, {{"service", "cycle_time"}, {"robot", "wheel"}, {"from_q_rad", {-1}}, {"to_q_rad", {1}}});
   EXPECT_TRUE(heavy["feasible"].get<bool>());
-  EXPECT_FALSE(heavy.contains("notes"));
+  EXPECT_THAT(heavy["notes"].dump(), Not(HasSubstr("creeps")));
 }
 
 TEST(ServiceRequests, RefuseMembersWithoutEffect) {
@@ -415,7 +415,7 @@ TEST(ToPose, SaysThatARobotWithoutRedundancyHasNoChoice) {
   for (std::size_t j = 0; j < 6; ++j)
     EXPECT_NEAR(reply["motion"]["q_end_rad"][j].get<double>(), request["to_q_rad"][j].get<double>(), 1e-9);
   request["to_pose"] = {{"directions", {"x", "y", "z", "rx", "ry"}}, {"axes", "tool"}};
-  EXPECT_FALSE(ask(robots, request).contains("notes"));
+  EXPECT_THAT(ask(robots, request)["notes"].dump(), Not(HasSubstr("freedom")));
 }
 
 // e^(−x) (1 + x) = 0.02 at x = 5.834 for ζ = 1: with ω ≤ 20 rad/s the time is 5.834/20 s. Less damping settles sooner.

@@ -299,7 +299,7 @@ TEST(ContactFrame, HasTheLeastPeakSpeedOfADegree) {
   move.c = s.c;
   services::ContactOptions options;
   options.parts = p.contact->parts;
-  EXPECT_NEAR(s.cost, services::safety_along(robot, move, options).parts[0].share, 1e-4 * s.cost);
+  EXPECT_NEAR(s.cost, services::safety_along(robot, move, options).parts[0].effective.share, 1e-4 * s.cost);
 }
 
 TEST(ContactFrame, RefusesWhatIsIncomplete) {

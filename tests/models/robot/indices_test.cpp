@@ -75,6 +75,35 @@ struct Reference : Arm {
   VectorXd q_ref, B;
 };
 
+// A point mass at the frame as part of its body, by the other formula.
+TEST(Indices, HasTheEffectiveMassWithALoadOfTheRobotThatCarriesIt) {
+  sweep(40, 71, [](Arm& arm, const VectorXd& q, Draw& draw) {
+    RobotModel carrying = arm.robot;
+    const double load = draw.number(0.1, 20);
+    Inertia point;
+    point.mass = load;
+    point.p_LC = arm.frame.X_BF.p;
+    if (arm.frame.body < 0) return;
+    Inertia& body = carrying.bodies[static_cast<std::size_t>(arm.frame.body)].inertia;
+    body = body + point;
+    Arm other(carrying);
+    arm.at(q);
+    other.at(q);
+    for (const Vector3d& u : {Vector3d(1, 0, 0), Vector3d(0.6, 0, -0.8), Vector3d(0, 1, 0)}) {
+      const double with = effective_mass(arm.f, u, load), wanted = effective_mass(other.f, u);
+      if (std::isinf(wanted) || wanted > 1e6 || effective_mass(arm.f, u) > 1e6) continue;  // hardly moves
+      EXPECT_NEAR(with, wanted, 1e-6 * wanted) << load;
+      EXPECT_GE(with, (effective_mass(arm.f, u) + load) * (1 - 1e-9));
+    }
+    EXPECT_EQ(effective_mass(arm.f, Vector3d::UnitX(), 0), effective_mass(arm.f, Vector3d::UnitX()));
+  });
+}
+
+TEST(Indices, HasTheSimpleMassOfTheStandard) {
+  EXPECT_NEAR(moving_mass(robot_of("ur10e")), 7.369 + 13.051 + 3.989 + 2.1 + 1.98 + 0.615, 1e-9);
+  EXPECT_EQ(simple_effective_mass(30, 5), 20);
+}
+
 TEST(Indices, HasTheFiguresOfTheReferencePose) {
   Reference r;
   r.at(r.q_ref);
