@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <span>
+#include <tuple>
 
 #include "master/scenario/ssd_text.h"
 #include "models/foundation/formats/xml.h"
@@ -48,6 +49,9 @@ class Values {
   void add(const std::string& name, double value) {
     text_ += "    <ssv:Parameter name=\"" + name + "\"><ssv:Real value=\"" + to_text(value) + "\"/></ssv:Parameter>\n";
   }
+  void add_text(const std::string& name, const std::string& value) {
+    text_ += "    <ssv:Parameter name=\"" + name + "\"><ssv:String value=\"" + value + "\"/></ssv:Parameter>\n";
+  }
   std::string text() const { return text_ + "  </ssv:Parameters>\n</ssv:ParameterSet>\n"; }
 
  private:
@@ -90,6 +94,40 @@ std::string drive_values(const Sketch& sketch) {
   values.add("sigma2", sketch.drives.sigma2);
   values.add("tau_C", sketch.drives.tau_C);
   values.add("tau_S", sketch.drives.tau_C);
+  values.add_text("sources", "assumptions of cotwin new from the URDF");
+  values.add_text("assumed", "all");
+  return values.text();
+}
+
+std::string energy_values(const Sketch& sketch) {
+  Values values("energy",
+                "ASSUMPTIONS: nothing is known of the electrical side of the drives. Put here what is known of yours, and its "
+                "name out of assumed. "
+                "cotwin describe unit:energy lists all parameters. cotwin ask reads this file beside the URDF.");
+  const bool large =
+      sketch.drives.power > 5000;  // W; an industrial robot on a rectifier of 3 x 400 V, else a light one on 48 V
+  const double n = static_cast<double>(sketch.drives.k_t.size());
+  values.comment(
+      "equivalent motors of 1 Ohm that lose a third of their power at the limits of torque and speed; k_t: N.m/A behind the "
+      "gear");
+  values.add_text("current", "dc");
+  values.add("R", 1);
+  values.add("k_t", sketch.drives.k_t);
+  values.comment("stand-by, brakes and controller, W; like a robot of " +
+                 std::string(large ? "300 kg payload" : "5 to 15 kg payload"));
+  for (const auto& [name, of_light, of_large] : {std::tuple{"P_0", 5 * n, 40 * n},
+                                                 {"P_off", 2 * n, 8 * n},
+                                                 {"P_brake", n, 16 * n},
+                                                 {"E_release", 0.7 * n, 5 * n},
+                                                 {"t_close", 0.1, 0.2},
+                                                 {"controller", 50.0, 150.0},
+                                                 {"C", 0.005, 0.002},
+                                                 {"V_min", 48.0, 560.0},
+                                                 {"V_max", 56.0, 700.0},
+                                                 {"efficiency", 0.88, 0.96}})
+    values.add(name, large ? of_large : of_light);
+  values.add_text("sources", "assumptions of cotwin new from the limits of the URDF");
+  values.add_text("assumed", "all");
   return values.text();
 }
 
@@ -187,6 +225,7 @@ class ScenarioFile {
     }
     text += "\n  Files beside this one: waypoints.csv, the motion; compliance.ssv, gains and compliance";
     if (sketch_.assumed) text += "; drive_train.ssv, the drives";
+    if (sketch_.energy_assumed) text += ";\n  energy.ssv, their electrical side, for cotwin ask beside the URDF";
     if (contact_) text += ";\n  scene.sdf, the plate; probe.urdf";
     text += ".\n\n  The joints, in the order of all vectors:\n";
     for (std::size_t i = 0; i < robot_.joints.size(); ++i)
@@ -306,6 +345,7 @@ std::vector<File> files_of(const Sketch& sketch, const robot::RobotModel& robot,
                              {"waypoints.csv", waypoints_csv(sketch, robot)},
                              {"compliance.ssv", compliance_values(sketch, robot)}};
   if (sketch.assumed) files.push_back({"drive_train.ssv", drive_values(sketch)});
+  if (sketch.energy_assumed) files.push_back({"energy.ssv", energy_values(sketch)});
   if (sketch.contact) {
     files.push_back({"scene.sdf", scene(*sketch.contact)});
     files.push_back({"probe.urdf", probe(*sketch.contact)});

@@ -52,6 +52,12 @@ class Search {
       if (!result_.converted.empty() && note.starts_with(setting_)) note = "robot.urdf" + note.substr(setting_.size());
     Sketch& sketch = result_.sketch;
     sketch.notes.insert(sketch.notes.begin(), notes_.begin(), notes_.end());
+    std::error_code none;
+    sketch.energy_assumed =
+        sketch.assumed && !fs::is_regular_file(urdf_of(request_.robot).parent_path() / services::kEnergyFile, none);
+    if (sketch.energy_assumed)
+      sketch.notes.emplace_back(
+          "drive_train.ssv and energy.ssv are all assumed; cotwin ask reads them beside the URDF, if they are copied there");
     return std::move(result_);
   }
 
@@ -109,7 +115,7 @@ class Search {
       const std::span<double> reals = drive.variables.at(name).reals();
       return std::vector<double>(reals.begin(), reals.end());
     };
-    drives_ = Drives{values("K"), values("D"), values("B"), values("sigma2"), values("tau_C")};
+    drives_ = Drives{values("K"), values("D"), values("B"), values("sigma2"), values("tau_C"), {}, 0};
   }
 
   fs::path write() const {

@@ -77,6 +77,7 @@ class Maker {
     // Motors behind gears are about as heavy as the links: half of them, at least 5 % of the heaviest joint of the kind.
     const VectorXd M = inertia(q).diagonal();
     Drives& d = sketch_.drives;
+    const VectorXd g = gravity(q);
     for (Eigen::Index i = 0; i < n_; ++i) {
       double heaviest = 0;
       for (Eigen::Index j = 0; j < n_; ++j) {
@@ -88,6 +89,13 @@ class Maker {
       d.D.push_back(0);
       d.sigma2.push_back(joint(i).damping);
       d.tau_C.push_back(joint(i).friction);
+      // At its limits of torque and speed a motor loses about a third of its power; unknown limits from weight and a calm motion.
+      const double unit = is_revolute(joint(i)) ? 1 : 0.25, slow = unit, fast = 5 * unit;  // rad/s, rad/s2; m/s, m/s2
+      const double tau =
+          std::isfinite(joint(i).tau_max) && joint(i).tau_max > 0 ? joint(i).tau_max : 2 * std::abs(g[i]) + fast * (M[i] + B);
+      const double power = tau * (std::isfinite(joint(i).dq_max) && joint(i).dq_max > 0 ? joint(i).dq_max : slow);
+      d.k_t.push_back(text::parse_real(text::to_text(tau / std::sqrt(power / 3), 3)).value());
+      d.power += power;
     }
     sketch_.notes.emplace_back(
         "nothing is known of the drives: joints are rigid, and the inertia of the motors is assumed as half of that of the "

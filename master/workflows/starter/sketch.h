@@ -18,6 +18,8 @@ inline constexpr std::pair<const char*, Kind> kKindWords[] = {
 /// Data of the drives per joint, in the units of measure of unit:drive_train.
 struct Drives {
   std::vector<double> K, D, B, sigma2, tau_C;  // K = D = 0: rigid transmission
+  std::vector<double> k_t;                     // N.m/A of equivalent motors of 1 Ohm; empty: not assumed
+  double power = 0;                            // W, of all motors, assumed with k_t
 };
 
 struct Waypoint {
@@ -45,6 +47,7 @@ struct Sketch {
   Kind kind = Kind::kMotion;
   Drives drives;
   bool assumed = true;           // the drives are assumptions
+  bool energy_assumed = false;   // the electrical data, too
   std::vector<double> M_a, S_a;  // joint admittance (3a)
   double zeta_a = 1;
   std::vector<double> push;         // external torque of kCompliance, N.m or N

@@ -202,6 +202,41 @@ TEST(New, NamesWhatItAssumed) {
   EXPECT_THAT(content(folder / "mixed_motion/waypoints.csv"), HasSubstr("# q1: 'rail' in m, from 0 to 2, at most 1 m/s"));
 }
 
+// The command of docs/services.md for energy, with what `cotwin new` assumes beside the URDF.
+TEST(New, WritesElectricalDataWithWhichEnergyIsTold) {
+  const TemporaryFolder folder("new");
+  folder.write("mixed.urdf", mixed_robot("mixed"));
+  const RunResult made = make(folder, {"--robot", "mixed.urdf"});
+  ASSERT_EQ(made.code, 0) << made.err;
+  EXPECT_THAT(made.out, HasSubstr("note: drive_train.ssv and energy.ssv are all assumed"));
+  const auto ask = [&] {
+    return run_program({"ask", "energy", "--robot", folder / "mixed.urdf", "--from", "0,0,0,0", "--to", "1,1,1,0.02",
+                        "--duration", "4", "--with", R"({"bus": "grid", "price_per_kWh": 0.3, "best": true})"});
+  };
+  EXPECT_NE(ask().code, 0);
+  for (const char* file : {"drive_train.ssv", "energy.ssv"})
+    fs::copy_file(fs::path(folder / "mixed_motion") / file, folder / file);
+  const RunResult told = ask();
+  ASSERT_EQ(told.code, 0) << told.err;
+  const nlohmann::json reply = nlohmann::json::parse(told.out);
+  EXPECT_EQ(reply["boundary"], "mains");
+  EXPECT_EQ(reply["assumed"], "all");
+  EXPECT_GT(reply["energy_J"].get<double>(), reply["work_positive_J"].get<double>());
+  EXPECT_GT(reply["price"].get<double>(), 0);
+  ASSERT_EQ(reply["assumptions"].size(), 6u) << reply["assumptions"];  // motors, both frictions, two limits, electrical data
+  EXPECT_EQ(reply["assumptions"][0]["what"], "inertia of motors");
+  EXPECT_EQ(reply["assumptions"][5]["file"], "energy.ssv");
+  // The copper losses of a joint at its limits of torque and speed are a third of its power there.
+  const std::string energy = content(folder / "energy.ssv");
+  const std::size_t at = energy.find("value=\"", energy.find("\"k_t\"")) + 7;
+  const double k_t = std::stod(energy.substr(at));
+  EXPECT_NEAR(500 * 500 / (k_t * k_t), 500.0 * 1 / 3, 2) << "of the rail, with 1 Ohm";
+  // What is there is not assumed again.
+  const RunResult again = make(folder, {"--robot", "mixed.urdf", "--out", "again"});
+  ASSERT_EQ(again.code, 0) << again.err;
+  EXPECT_FALSE(fs::exists(folder / "again/energy.ssv"));
+}
+
 TEST(New, SetsEffortLimitsAsideThatDoNotCarryTheRobot) {
   const TemporaryFolder folder("new");
   std::string weak = mixed_robot("weak");
