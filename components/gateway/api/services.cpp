@@ -79,7 +79,8 @@ Json robot_json(const services::Robot& robot) {
   return {{"name", robot.name},
           {"joints", std::move(joints)},
           {"has_drives", robot.drives.has_value()},
-          {"has_energy", robot.energy.has_value()}};
+          {"has_energy", robot.energy.has_value()},
+          {"data", services::data_of(robot)}};
 }
 
 Json master_json(const ServiceInfo& service) {
@@ -162,16 +163,22 @@ void add_service_routes(http::Router& router, services::Robots& robots, const st
     "required": ["name", "type"], "additionalProperties": false,
     "if": {"properties": {"type": {"const": "revolute"}}}, "then": {"required": ["q_min_rad", "q_max_rad", "dq_max_rad_per_s", "tau_max_Nm"]},
     "else": {"required": ["q_min_m", "q_max_m", "dq_max_m_per_s", "tau_max_N"]}})");
+  router.add_schema("RobotData", R"({
+    "type": "object", "description": "Which data beside the URDF a robot has, by file",
+    "properties": {"joints": {"type": "integer"}, "problem": {"type": "string", "description": "why the robot cannot be read"}},
+    "additionalProperties": {"enum": ["missing", "given", "partly assumed", "assumed"]}})");
   router.add_schema("Robot", R"({
     "type": "object",
     "properties": {
+      "data": {"$ref": "#/components/schemas/RobotData"},
       "name": {"type": "string"}, "joints": {"type": "array", "items": {"$ref": "#/components/schemas/Joint"}},
       "has_drives": {"type": "boolean"}, "has_energy": {"type": "boolean"}},
-    "required": ["name", "joints", "has_drives", "has_energy"], "additionalProperties": false})");
+    "required": ["name", "joints", "has_drives", "has_energy", "data"], "additionalProperties": false})");
   router.add_schema("Robots", R"({
     "type": "object",
-    "properties": {"robots": {"type": "array", "items": {"type": "string"}}, "default": {"type": "string"}},
-    "required": ["robots", "default"], "additionalProperties": false})");
+    "properties": {"robots": {"type": "array", "items": {"type": "string"}}, "default": {"type": "string"},
+      "data": {"type": "object", "additionalProperties": {"$ref": "#/components/schemas/RobotData"}}},
+    "required": ["robots", "default", "data"], "additionalProperties": false})");
   router.add_schema("WorkMaster", R"({
     "type": "object", "description": "A service: ISA95WorkMasterDataType of OPC 10031-4, and the JSON Schema of its request",
     "properties": {
@@ -220,9 +227,11 @@ void add_service_routes(http::Router& router, services::Robots& robots, const st
     r.slow = true;  // reads files
     return r;
   };
-  router.add(get("/robots", "listRobots", "Names of the robots that requests may name", "Robots"), [&robots](const Request&) {
-    return give({{"robots", robots.names()}, {"default", robots.fallback()}});
-  });
+  router.add(
+      get("/robots", "listRobots", "Names of the robots that requests may name, and their data", "Robots"),
+      [&robots](const Request&) {
+        return give({{"robots", robots.names()}, {"default", robots.fallback()}, {"data", services::data_of_all(robots)}});
+      });
   router.add(get("/robots/{name}", "getRobot", "Joints and limits of a robot", "Robot"), [&robots](const Request& request) {
     try {
       return give(robot_json(*robots.find(request.part("name"))));

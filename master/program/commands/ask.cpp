@@ -1,6 +1,7 @@
 // cotwin ask: questions about motions (components/services), from options, from files of requests, or line by line from a queue.
 #include <algorithm>
 #include <fstream>
+#include <iomanip>
 #include <iostream>
 #include <iterator>
 #include <memory>
@@ -35,7 +36,7 @@ struct AskArguments {
   std::vector<fs::path> files, robots;
   std::optional<fs::path> motion, particles, series;
   int threads = 0;
-  bool worker = false, robot_given = false;
+  bool worker = false, list_robots = false, robot_given = false;
 };
 
 /// Robots by name, from --robots or the model folders.
@@ -218,7 +219,7 @@ void refuse_others(const AskArguments& a, const std::string& chosen, const std::
                                                 {"--file", !a.files.empty()},    {"--angle-unit", a.angle_unit != "rad"},
                                                 {"--table", !a.table.empty()},   {"--schema", !a.schema.empty()},
                                                 {"--robots", !a.robots.empty()}, {"--threads", a.threads != 0},
-                                                {"--worker", a.worker}};
+                                                {"--worker", a.worker},          {"--list-robots", a.list_robots}};
   for (const auto& [name, is_given] : given)
     if (is_given && name != chosen && std::ranges::find(allowed, name) == allowed.end())
       throw Error(chosen == "SERVICE" ? "cotwin ask " + a.service : "cotwin ask " + chosen,
@@ -226,9 +227,30 @@ void refuse_others(const AskArguments& a, const std::string& chosen, const std::
                       " is also given and would have no effect, expected it without");
 }
 
+/// A line for each robot: joints, and where the values of its files come from.
+int list_robots(const Json& robots) {
+  std::cout << std::left << std::setw(20) << "robot" << std::setw(8) << "joints";
+  for (const char* file : services::kDataFiles) std::cout << file << "  ";
+  std::cout << "\n";
+  for (const auto& [name, data] : robots.items()) {
+    std::cout << std::setw(19) << name << " ";
+    if (data.contains("problem")) {
+      std::cout << data["problem"].get<std::string>() << "\n";
+      continue;
+    }
+    std::cout << std::setw(8) << data["joints"].dump();
+    for (const char* file : services::kDataFiles)
+      std::cout << std::setw(static_cast<int>(std::string_view(file).size()) + 2) << data[file].get<std::string>();
+    std::cout << "\n";
+  }
+  return kExitDone;
+}
+
 int ask(const AskArguments& a) {
   if (!a.schema.empty())
     refuse_others(a, "--schema", {});
+  else if (a.list_robots)
+    refuse_others(a, "--list-robots", {"--robots"});
   else if (a.worker)
     refuse_others(a, "--worker", {"--robots", "--threads"});
   else if (!a.files.empty())
@@ -243,6 +265,10 @@ int ask(const AskArguments& a) {
       throw Error("--schema", "'" + a.schema + "' is no service, expected one of " + names_of_services());
     std::cout << Json::parse(services::schema(a.schema)).dump(2) << "\n";
     return kExitDone;
+  }
+  if (a.list_robots) {
+    services::Robots robots = robots_of(a, false);
+    return list_robots(services::data_of_all(robots));
   }
   if (a.worker) {
     numerics::Threads threads(std::max(1, a.threads));
@@ -302,6 +328,7 @@ void add_ask(CLI::App& app, Chosen& chosen) {
   command->add_option("--threads", a.threads, "Threads of an optimisation (default: one per core; of a worker: one)")
       ->check(CLI::Range(1, 255))
       ->type_name("N");
+  command->add_flag("--list-robots", a.list_robots, "List the robots that can be named, and which data each has");
   command->add_flag("--worker", a.worker, "Answer requests of queues, one per line on stdin, see docs/services.md");
   command->callback([&chosen, all, command] {
     all->robot_given = command->count("--robot") > 0;

@@ -485,11 +485,17 @@ TEST(ServeCommand, TakesOwnFoldersOfRobotsAndChoosesADefaultRobotOnlyWhereOneIsM
   fs::copy(source / "planar2/robot.urdf", second / "two.urdf");
   {
     const Gateway gateway(out, {"--robots", first});
-    EXPECT_EQ(gateway.get("/robots"), json({{"robots", {"one"}}, {"default", "one"}}));
+    json of_planar2{{"joints", 2}, {"drive_train.ssv", "assumed"}, {"compliance.ssv", "given"}, {"energy.ssv", "missing"}};
+    EXPECT_EQ(gateway.get("/robots"), json({{"robots", {"one"}}, {"default", "one"}, {"data", {{"one", of_planar2}}}}));
+    of_planar2.erase("joints");
+    EXPECT_EQ(gateway.get("/robots/one")["data"], of_planar2);
   }
   {
     const Gateway gateway(out, {"--robots", first, "--robots", second});
-    EXPECT_EQ(gateway.get("/robots"), json({{"robots", {"one", "two"}}, {"default", ""}}));
+    const json listed = gateway.get("/robots");
+    EXPECT_EQ(listed["robots"], json({"one", "two"}));
+    EXPECT_EQ(listed["default"], "");
+    EXPECT_EQ(listed["data"]["two"]["drive_train.ssv"], "missing");
     EXPECT_EQ(gateway.get("/robots/one")["joints"].size(), 2u) << "the first folder counts";
     json request{{"service", "feasibility"}, {"from_q_rad", {0, 0}}, {"to_q_rad", {1, 1}}, {"T_s", 2}};
     const HttpReply unnamed = gateway.call("POST", "/services/feasibility", request.dump());

@@ -310,6 +310,7 @@ TEST(AskCommand, RefusesOptionsThatWouldHaveNoEffect) {
   expect({"jerk", "--robot", "planar2", "--from", "0,0", "--to", "1,1", "--table", "csv"}, "--table");
   expect({"--worker", "--from", "0,0"}, "--from");
   expect({"--schema", "energy", "--worker"}, "--worker");
+  expect({"--list-robots", "--worker"}, "--worker");
   expect({"--schema", "frog"}, "expected one of feasibility");
   expect({"--file", folder.path()}, "is a folder");
   expect({"cycle_time", "--robot", "planar2", "--from", "0,0", "--to", "1,1", "--duration", "2"}, "--duration");
@@ -317,6 +318,19 @@ TEST(AskCommand, RefusesOptionsThatWouldHaveNoEffect) {
   expect({"jerk", "--robot", "planar2", "--from", "0,0", "--to", "1,1", "--particles", folder / "p.csv"}, "--particles");
   EXPECT_FALSE(fs::exists(folder / "m.ssv"));
   EXPECT_EQ(run_program({"ask", "--file", file}).code, 0);
+}
+
+TEST(AskCommand, ListsTheRobotsAndTheirData) {
+  const auto run = run_program({"ask", "--list-robots"});
+  ASSERT_EQ(run.code, 0) << run.err;
+  EXPECT_THAT(run.out, HasSubstr("robot               joints  drive_train.ssv  compliance.ssv  energy.ssv"));
+  EXPECT_THAT(run.out, HasSubstr("\niiwa14              7       partly assumed   given           assumed"));
+  EXPECT_THAT(run.out, HasSubstr("\nur10e               6       missing          missing         missing"));
+  const cotwin::testing::TemporaryFolder folder("list");
+  std::ofstream(folder / "none.urdf") << "<robot";
+  const auto broken = run_program({"ask", "--list-robots", "--robots", folder.path()});
+  EXPECT_EQ(broken.code, 0);
+  EXPECT_THAT(broken.out, HasSubstr("none.urdf:1"));
 }
 
 TEST(AskCommand, TakesEachMemberFromAnOptionOrFromWith) {
@@ -544,6 +558,31 @@ TEST(Verify, HasRigidJointsForRobotsWithoutDrives) {
   EXPECT_THAT(without.notes.at(0), HasSubstr("drives = none"));
   EXPECT_NEAR(without.work, without.work_rigid, 0.005 * std::abs(without.work_rigid) + 0.01);
   EXPECT_LT(without.work, 0.9 * twin_of(*robots.find("lwr4"), arm, 2).work);
+}
+
+TEST(Verify, TellsWhatTheTwinRestsOn) {
+  Robots robots({robots_folder()});
+  cotwin::services::Context context;
+  context.verify = [](const auto& robot, const auto& move, double T, const auto& options) {
+    return cotwin::master::verify(cotwin::unit_types(), {cotwin::places::source() + "/models"}, robot, move, T, options);
+  };
+  const auto listed = [&](const json& more) {
+    json request{{"service", "verify"},
+                 {"from_q_rad", {0, 0.3, 0, -1, 0, 0.6, 0}},
+                 {"to_q_rad", {0.3, 0.2, 0, -0.9, 0, 0.5, 0}},
+                 {"T_s", 1}};
+    request.update(more);
+    const json reply = json::parse(cotwin::services::answer(robots, request.dump(), context));
+    std::string all;
+    for (const json& one : reply["assumptions"]) all += one["what"].get<std::string>() + ";";
+    return all;
+  };
+  const std::string energy =
+      "energy data R, k_t, P_0, P_off, P_brake, E_release, t_close, controller, C, V_min, V_max, efficiency;";
+  EXPECT_EQ(listed({{"robot", "lwr4"}}),
+            "inertia of motors;Coulomb friction;viscous friction;stiffness of joints;D, sigma0, sigma1, tau_S, v_S;" + energy);
+  EXPECT_EQ(listed({{"robot", "iiwa14"}}), "inertia of motors;stiffness of joints;D, sigma0, sigma1, tau_S, v_S;" + energy);
+  EXPECT_EQ(listed({{"robot", "lwr4"}, {"drives", "none"}}), "inertia of motors;friction;" + energy);
 }
 
 // The twin has the friction of the rigid formula: without drive_train.ssv that of the URDF.

@@ -35,9 +35,18 @@ function joint_row(joint: RobotFacts['joints'][number]): string[] {
   return [String(joint['name']), range, `${number(`dq_max_${angle}_per_s`)} ${angle}/s`, `${number(`tau_max_${torque}`)} ${slide ? 'N' : 'N·m'}`];
 }
 
+/// The files beside the URDF and where their values come from: "drive_train.ssv partly assumed, energy.ssv missing".
+function data_of(data: Record<string, string | number> | undefined): string {
+  if (data?.['problem'] !== undefined) return String(data['problem']);
+  return Object.entries(data ?? {})
+    .filter(([file]) => file !== 'joints')
+    .map(([file, state]) => `${file} ${state}`)
+    .join(', ');
+}
+
 /// A robot whose joints are asked for when it is opened.
-function robot_entry(connection: Connection, name: string, is_default: boolean): HTMLElement {
-  const box = element('details', {}, element('summary', {}, name, element('span', { class: 'unit' }, is_default ? ' default' : '')));
+function robot_entry(connection: Connection, name: string, is_default: boolean, data: string): HTMLElement {
+  const box = element('details', {}, element('summary', {}, name, element('span', { class: 'unit' }, `${is_default ? ' default' : ''} ${data}`)));
   box.addEventListener('toggle', () => {
     if (!box.open || box.childElementCount > 1) return;
     const made = element('div', {}, '…');
@@ -53,8 +62,8 @@ function robot_entry(connection: Connection, name: string, is_default: boolean):
 /// The page of a gateway without a run to show: its robots, services and jobs.
 export async function show_gateway(connection: Connection): Promise<void> {
   document.title = 'Cotwin gateway';
-  const [{ robots, default: first }, { WorkMasters }, { version }] = await Promise.all([
-    connection.ask<{ robots: string[]; default?: string }>('GET', 'robots'),
+  const [{ robots, default: first, data }, { WorkMasters }, { version }] = await Promise.all([
+    connection.ask<{ robots: string[]; default?: string; data: Record<string, Record<string, string | number>> }>('GET', 'robots'),
     connection.ask<{ WorkMasters: WorkMaster[] }>('GET', 'work-masters'),
     connection.ask<{ version: string }>('GET', 'health'),
   ]);
@@ -69,7 +78,7 @@ export async function show_gateway(connection: Connection): Promise<void> {
   const links = element('p', {}, 'For programs: ', element('a', { href: 'openapi.json' }, 'openapi.json'), ', all that can be asked, as OpenAPI 3.1.');
   document.getElementById('app')!.replaceChildren(
     element('div', { class: 'top' }, element('h1', {}, 'Cotwin gateway'), state, element('span', { class: 'space' }), element('span', { class: 'state' }, version), button('dark / light', 'dark or light', change_theme)),
-    element('main', { class: 'gateway' }, part('Robots', ...robots.map((name) => robot_entry(connection, name, name === first))), part('Services', table(['service', 'what it answers', 'when', 'request'], services), links), part('Jobs', jobs)),
+    element('main', { class: 'gateway' }, part('Robots', ...robots.map((name) => robot_entry(connection, name, name === first, data_of(data[name])))), part('Services', table(['service', 'what it answers', 'when', 'request'], services), links), part('Jobs', jobs)),
   );
   const look = async (): Promise<void> => {
     try {
