@@ -2,9 +2,9 @@
 #include <cmath>
 #include <numeric>
 
+#include "components/services/assumptions.h"
 #include "components/services/energy_service.h"
 #include "components/services/json/answers.h"
-#include "components/services/json/assumptions.h"
 #include "components/services/json/contact_json.h"
 #include "models/foundation/support/text.h"
 

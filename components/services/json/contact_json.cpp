@@ -1,6 +1,6 @@
 #include "components/services/json/contact_json.h"
 
-#include "components/services/json/assumptions.h"
+#include "components/services/assumptions.h"
 #include "models/foundation/support/error.h"
 
 namespace cotwin::services {

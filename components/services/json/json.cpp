@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "components/services/assumptions.h"
 #include "components/services/json/answers.h"
-#include "components/services/json/assumptions.h"
 #include "components/services/json/move_json.h"
 #include "components/services/json/schema_parts.h"
 #include "models/foundation/support/text.h"
@@ -37,6 +37,43 @@ constexpr Service kServices[] = {
      "The move in a co-simulation of the twin, with elastic joints and friction where the robot has data of its drives.",
      answer_verify},
 };
+
+/// Whether the costs of an optimisation have this one.
+bool has_cost(Reader& r, const char* name) {
+  const Json* cost = r.any("cost");
+  if (!cost) return false;
+  if (!cost->is_array()) return *cost == name;
+  return std::ranges::any_of(*cost, [&](const Json& one) { return one.value("name", "") == name; });
+}
+
+/// Adds "assumptions" and a sentence to the notes, if there are any.
+void add_assumptions(const std::string& service, const Robot& robot, Reader& r, Json& reply) {
+  const auto is = [&](const char* name, const Json& value) { return r.gives(name) && *r.any(name) == value; };
+  const bool optimise = service == "optimise", series = service == "reaction" && r.gives("series");
+  Needs n;
+  n.searched = !series && !r.gives("T_s") && (!optimise || r.gives("T_max_s"));
+  if (service == "jerk" && !n.searched) return;  // of the shape alone
+  const bool safety = service == "safety" || (optimise && has_cost(r, "safety"));
+  n.contact = safety || service == "effective_mass" || (optimise && has_cost(r, "effective_mass"));
+  if (is("drives", "none")) n.without_drives = "request: drives = none";
+  if (series) n.without_drives = "request: of a series without drives";
+  const JointUnits units(robot.model);
+  n.limits_of_speed = !series && !r.gives(units.name("dq_max", 1).c_str());
+  n.limits_of_torque = !series && !r.gives(units.name("tau_max", 4).c_str());
+  if (safety && r.gives("load_kg")) n.load = r.number("load_kg");
+  n.elastic = n.without_drives.empty() && (service == "verify" || is("verify", true));
+  n.energy = service == "energy" || (optimise && has_cost(r, "energy")) || (service == "verify" && robot.energy);
+  std::string assumed;
+  std::vector<std::pair<std::string, std::string>> unknown;  // names, effect
+  for (const Assumption& a : assumptions(robot, n)) {
+    const Json value = a.value.empty() ? Json(nullptr) : a.value.size() == 1 ? Json(a.value[0]) : Json(a.value);
+    reply["assumptions"].push_back({{"what", a.what}, {"value", value}, {"effect", a.effect}, {"file", a.file}});
+    if (a.unknown && (unknown.empty() || unknown.back().second != a.effect)) unknown.push_back({"", a.effect});
+    text::append(a.unknown ? unknown.back().first : assumed, a.what);
+  }
+  for (const auto& [what, effect] : unknown) add_notes(reply, {"unknown: " + what + "; " + effect});
+  if (!assumed.empty()) add_notes(reply, {"assumed, not measured: " + assumed + "; the answer is as uncertain"});
+}
 
 /// The reply with the notes on the robot before its own, as the last member.
 Json with_notes(Json reply, const Robot& robot) {
@@ -144,6 +181,30 @@ void check_object(Robots& robots, const Json& object) {
   context.robots = &robots;
   context.only_read = true;
   (void)reply_to(*robot, r, context);
+}
+
+Json data_of(const Robot& robot) {
+  const auto word = [](const auto& data) {
+    if (!data) return "missing";
+    return data->assumed == "all" ? "assumed" : data->assumed.empty() || data->assumed == "none" ? "given" : "partly assumed";
+  };
+  std::error_code none;
+  const bool compliance = std::filesystem::is_regular_file(robot.urdf.parent_path() / kComplianceFile, none);
+  return {{kDrivesFile, word(robot.drives)},
+          {kComplianceFile, compliance ? "given" : "missing"},
+          {kEnergyFile, word(robot.energy)}};
+}
+
+Json data_of_all(Robots& robots) {
+  Json all = Json::object();
+  for (const std::string& name : robots.names()) try {
+      const std::shared_ptr<const Robot> robot = robots.find(name);
+      all[name] = {{"joints", robot->model.joints.size()}};
+      all[name].update(data_of(*robot));
+    } catch (const Error& e) {
+      all[name] = {{"problem", e.what()}};
+    }
+  return all;
 }
 
 std::string posture_member(Robots& robots, const Json& request, const std::string& plain) {

@@ -229,9 +229,8 @@ void refuse_others(const AskArguments& a, const std::string& chosen, const std::
 
 /// A line for each robot: joints, and where the values of its files come from.
 int list_robots(const Json& robots) {
-  std::cout << std::left << std::setw(20) << "robot" << std::setw(8) << "joints";
-  for (const char* file : services::kDataFiles) std::cout << file << "  ";
-  std::cout << "\n";
+  std::cout << std::left << std::setw(20) << "robot" << std::setw(8) << "joints"
+            << text::joined({services::kDataFiles.begin(), services::kDataFiles.end()}, "  ") << "\n";
   for (const auto& [name, data] : robots.items()) {
     std::cout << std::setw(19) << name << " ";
     if (data.contains("problem")) {
@@ -240,7 +239,8 @@ int list_robots(const Json& robots) {
     }
     std::cout << std::setw(8) << data["joints"].dump();
     for (const char* file : services::kDataFiles)
-      std::cout << std::setw(static_cast<int>(std::string_view(file).size()) + 2) << data[file].get<std::string>();
+      std::cout << std::setw(file == services::kDataFiles.back() ? 0 : static_cast<int>(std::string_view(file).size()) + 2)
+                << data[file].get<std::string>();
     std::cout << "\n";
   }
   return kExitDone;

@@ -46,7 +46,7 @@ function data_of(data: Record<string, string | number> | undefined): string {
 
 /// A robot whose joints are asked for when it is opened.
 function robot_entry(connection: Connection, name: string, is_default: boolean, data: string): HTMLElement {
-  const box = element('details', {}, element('summary', {}, name, element('span', { class: 'unit' }, `${is_default ? ' default' : ''} ${data}`)));
+  const box = element('details', {}, element('summary', {}, name, element('span', { class: 'unit' }, `${is_default ? ' default;' : ''} ${data}`)));
   box.addEventListener('toggle', () => {
     if (!box.open || box.childElementCount > 1) return;
     const made = element('div', {}, '…');
