@@ -17,8 +17,11 @@ try {
   await browser.open(url);
   const texts = (selector) => browser.evaluate(`[...document.querySelectorAll(${JSON.stringify(selector)})].map((found) => found.textContent)`);
   check((await texts('.failure')).length === 0 && (await texts('h1'))[0] === 'Cotwin gateway', `it shows ${await texts('body')}`);
-  const { robots, default: first } = await ask('robots');
-  check(JSON.stringify(await texts('summary')) === JSON.stringify(robots.map((name) => (name === first ? `${name} default` : name))), `robots ${await texts('summary')}`);
+  const { robots, default: first, data } = await ask('robots');
+  const told = (name) => ['drive_train.ssv', 'compliance.ssv', 'energy.ssv'].map((file) => `${file} ${data[name][file]}`).join(', ');
+  const expected = robots.map((name) => `${name}${name === first ? ' default;' : ''} ${told(name)}`);
+  check(JSON.stringify(await texts('summary')) === JSON.stringify(expected), `robots ${await texts('summary')}`);
+  check(data.lwr4['drive_train.ssv'] === 'assumed' && data.scara['energy.ssv'] === 'missing', `data ${JSON.stringify(data)}`);
   for (const [i, name] of robots.entries()) {
     const { joints } = await ask(`robots/${name}`);
     await browser.evaluate(`document.querySelectorAll('details')[${i}].open = true`);
