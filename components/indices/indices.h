@@ -23,8 +23,9 @@ namespace cotwin::indices {
 /// are those of the generalised Jacobian. Z and the singular values of Z and J* tell how the joints turn the base, and where they
 /// cannot move the frame (V-C).
 ///
-/// Body parts: collision with the reduced mass μ = (1/m + 1/m_H)⁻¹ at the speed of E along u, v_max = F_max/√(μ k_H); m is the larger one of
-/// m_u and M/2 + m_L (ISO/TS 15066, A.3.4), or with robot_mass=effective m_u. The bodies of the robot and B may be changed during the run; the values in force follow smoothly.
+/// Body parts: collision with the reduced mass μ = (1/m + 1/m_H)⁻¹ at the speed of E along u, v_max = F_max/√(μ k_H); m is the larger
+/// one of m_u and M/2 + m_L (ISO/TS 15066, A.3.4), or with robot_mass=effective m_u. The bodies of the robot and B may be changed during
+/// the run; the values in force follow smoothly.
 class Indices final : public Unit {
  public:
   static void declare_settings(SettingList& s);
