@@ -205,11 +205,13 @@ void Indices::check() const {
   finite("dq", dq_);
   finite("base_v", base_v_);
   finite("base_w", base_w_);
-  if (held_) {
+  if (held_ || only_effective_) {
     for (std::size_t i = 0; i < drive_.B.size(); ++i) {
-      if (drive_.B[i] >= 0 && std::isfinite(drive_.B[i])) continue;
+      const bool known = !only_effective_ || drive_.B[i] > 0 || std::ranges::find(passive_, i) != passive_.end();
+      if (drive_.B[i] >= 0 && std::isfinite(drive_.B[i]) && known) continue;
       throw Error(place_ + ".B[" + std::to_string(i + 1) + "]",
-                  "is " + text::to_text(drive_.B[i]) + ", expected a finite value >= 0");
+                  "is " + text::to_text(drive_.B[i]) + ", expected a finite value " +
+                      (only_effective_ ? "> 0 with robot_mass=effective" : ">= 0"));
     }
   }
 }

@@ -68,6 +68,9 @@ TEST(IndicesUnit, HasTheFiguresOfTheReferencePose) {
   EXPECT_NEAR(effective["v_max"][1], 1.016, 5e-4);
   EXPECT_NEAR(effective["reduced_mass"][0], 0.5074, 5e-5);
   EXPECT_NEAR(effective["reduced_mass"][1], 3.037, 5e-4);
+  effective["B"][4] = 0;  // no motor has none: it is unknown
+  EXPECT_THAT(error_of([&] { effective.initialise(); }),
+              HasSubstr("B[5]: is 0, expected a finite value > 0 with robot_mass=effective"));
   blow.set("u", {7, 0, 0});  // the length has no meaning
   blow.step();
   EXPECT_NEAR(blow.real("effective_mass"), 4.90484, 5e-6);
