@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "components/monitor/parts.h"
+#include "models/distance/name_pair.h"
 #include "models/foundation/support/error.h"
 #include "models/mechanics/pose_values.h"
 #include "models/scene/robot_links.h"
@@ -116,11 +117,13 @@ void Monitor::add_pairs(const std::string& ignored) {
   for (const auto& [a, b] : cell_.scene.no_contact) without.emplace_back(std::minmax<std::size_t>(a, b));
   for (const std::string_view item : text::split(ignored, ',')) {
     if (text::trim(item).empty()) continue;
-    const std::vector<std::string_view> names = text::split(item, ':');
-    if (names.size() != 2)
+    const auto is_known = [&](const std::string& name) {
+      return std::ranges::any_of(parts_, [&](const auto& part) { return part->name == name; });
+    };
+    const auto [one, other] = distance::two_names(item, is_known);
+    if (other.empty())
       throw Error(place_, "ignore=" + ignored + ": '" + std::string(item) + "', expected two names as in link_5:link_7");
-    without.emplace_back(
-        std::minmax(part(std::string(text::trim(names[0])), ignored), part(std::string(text::trim(names[1])), ignored)));
+    without.emplace_back(std::minmax(part(one, ignored), part(other, ignored)));
   }
   for (std::size_t b = 0; b < parts_.size(); ++b) {
     for (std::size_t a = 0; a < b; ++a) {

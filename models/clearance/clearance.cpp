@@ -1,9 +1,11 @@
 #include "models/clearance/clearance.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "models/distance/distance.h"
+#include "models/distance/name_pair.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
 #include "models/scene/robot_links.h"
@@ -31,6 +33,7 @@ struct Checker::Impl {
     distance::Solid solid;
     int robot = -1, link = -1;  // −1: a body of the scene; the base
     Pose X_WB;                  // of what stands
+    const Tool* tool = nullptr;
   };
   struct Pair {
     std::size_t a, b;  // a: of the first robot
@@ -88,10 +91,10 @@ struct Checker::Impl {
   void add_pairs(const Options& options) {
     std::vector<std::pair<std::size_t, std::size_t>> without;
     for (const std::string& item : options.ignore) {
-      const std::vector<std::string_view> names = text::split(item, ':');
-      if (names.size() != 2) throw Error("ignore", "'" + item + "', expected two names as in link_5:table");
-      without.emplace_back(
-          std::minmax<std::size_t>(part(std::string(text::trim(names[0]))), part(std::string(text::trim(names[1])))));
+      const auto is_known = [&](const std::string& name) { return std::ranges::find(parts, name, &Part::name) != parts.end(); };
+      const auto [one, other] = distance::two_names(item, is_known);
+      if (other.empty()) throw Error("ignore", "'" + item + "', expected two names as in link_5:table");
+      without.emplace_back(std::minmax<std::size_t>(part(one), part(other)));
     }
     const robot::RobotModel& model = robots.front().robot.model;
     for (std::size_t a = 0; a < parts.size() && parts[a].robot == 0; ++a) {
@@ -101,8 +104,10 @@ struct Checker::Impl {
         if (std::ranges::find(without, std::pair(std::min(a, b), std::max(a, b))) != without.end()) continue;
         if (other.robot == 0) {
           const auto parent = [&](const Part& one) { return one.link < 0 ? -2 : model.joint_of(one.link).parent; };
-          if (options.self && a < b && parent(link) != other.link && parent(other) != link.link)
-            pairs.push_back({a, b, 0, true});
+          const bool near = link.tool != nullptr || other.tool != nullptr
+                                ? link.link == other.link
+                                : parent(link) == other.link || parent(other) == link.link;
+          if (options.self && a < b && !near) pairs.push_back({a, b, 0, true});
         } else if (link.link >= 0 || other.link >= 0) {
           pairs.push_back({a, b, options.clearance, false});
         }
@@ -134,7 +139,10 @@ struct Checker::Impl {
       for (std::size_t i = 0; i < X_WL.size(); ++i) now.X_W[first[r] + 1 + i] = X_WL[i];
     }
     for (std::size_t i = 0; i < parts.size(); ++i) {
-      if (parts[i].link < 0) now.X_W[i] = parts[i].X_WB;
+      const Part& part = parts[i];
+      now.X_W[i] = part.link < 0
+                       ? part.X_WB
+                       : now.X_W[first[static_cast<std::size_t>(part.robot)] + 1 + static_cast<std::size_t>(part.link)];
       now.middle[i] = now.X_W[i] * parts[i].solid.middle();
     }
     return now;
@@ -186,6 +194,37 @@ struct Checker::Impl {
     int common = parts[pair.a].link;
     while (common >= 0 && !carries(common, parts[pair.b].link)) common = model.joint_of(common).parent;
     return fastest.front().empty() ? 0 : way_of(parts[pair.a], common, from) + way_of(parts[pair.b], common, from);
+  }
+
+  /// Whether both are there from `from` to `to`.
+  bool exists(const Pair& pair, double from, double to) const {
+    return std::ranges::all_of(std::array{parts[pair.a].tool, parts[pair.b].tool},
+                               [&](const Tool* tool) { return tool == nullptr || (tool->from <= from && tool->until >= to); });
+  }
+
+  /// From `begin` to `end`, between which no tool comes or goes.
+  bool meets(double begin, double end) {
+    std::vector<std::size_t> present;
+    for (std::size_t k = 0; k < pairs.size(); ++k)
+      if (exists(pairs[k], begin, end)) present.push_back(k);
+    std::vector<Instant> grid;
+    for (int k = 0; k <= kGrid; ++k) grid.push_back(at(begin + (end - begin) * k / kGrid));
+    // A good bound of the least distance first.
+    for (const Instant& now : grid)
+      for (const std::size_t k : present)
+        if (!pairs[k].self) (void)over(k, now, least_over);
+    std::vector<Open> open;
+    for (int i = 0; i < kGrid; ++i) {
+      const Instant &from = grid[static_cast<std::size_t>(i)], &to = grid[static_cast<std::size_t>(i) + 1];
+      find_ways(from, to);
+      open.clear();
+      for (const std::size_t k : present) {
+        const double most = enough(pairs[k]) + way_of(pairs[k], from);
+        open.push_back({k, over(k, from, most), over(k, to, most)});
+      }
+      if (meets(from, to, open)) return true;
+    }
+    return false;
   }
 
   Nearest nearest_of(const Pair& pair, double t, const distance::Distance& way) const {
@@ -252,15 +291,16 @@ Checker::Checker(const scene::Scene& scene, std::vector<Stand> robots, const Opt
   Impl& all = *impl_;
   all.robots = std::move(robots);
   std::size_t count = scene.bodies.size();
-  for (const Stand& stand : all.robots) count += stand.robot.shapes.size();
+  for (const Stand& stand : all.robots) count += stand.robot.shapes.size() + stand.tools.size();
   all.parts.reserve(count);
   for (std::size_t r = 0; r < all.robots.size(); ++r) {
     const Stand& stand = all.robots[r];
     all.first.push_back(all.parts.size());
+    const std::string prefix = stand.robot.name.empty() ? "" : stand.robot.name + "/";
     std::string bare;
     for (std::size_t i = 0; i < stand.robot.shapes.size(); ++i) {
       const std::string& link = i == 0 ? stand.robot.model.base.name : stand.robot.model.bodies[i - 1].name;
-      const std::string name = (stand.robot.name.empty() ? "" : stand.robot.name + "/") + (link.empty() ? "base" : link);
+      const std::string name = prefix + (link.empty() ? "base" : link);
       all.add(name, stand.robot.shapes[i], static_cast<int>(r), static_cast<int>(i) - 1, stand.X_WB);
       if (all.parts.back().solid.empty()) text::append(bare, name);
     }
@@ -270,13 +310,20 @@ Checker::Checker(const scene::Scene& scene, std::vector<Stand> robots, const Opt
       throw Error("robot '" + stand.robot.model.name + "'",
                   "has no shapes, so nothing can be said of collisions: scripts/capsules.py encloses its meshes in a file with "
                   "hulls beside the URDF");
+    for (const Tool& tool : stand.tools) {
+      all.add(prefix + tool.name, tool.shapes, static_cast<int>(r), tool.link, stand.X_WB);
+      all.parts.back().tool = &tool;
+      if (all.parts.back().solid.empty()) text::append(bare, prefix + tool.name);
+    }
     if (!bare.empty()) all.notes.push_back("no shapes of " + bare + ", which meet nothing");
   }
-  std::string moving;
+  std::string moving, open;
   for (const scene::Body& body : scene.bodies) {
     all.add(body.name, body.shapes, -1, -1, body.X_WB);
     if (body.motion != scene::Motion::kStatic) text::append(moving, body.name);
+    if (all.parts.back().solid.open()) text::append(open, body.name);
   }
+  if (!open.empty()) all.notes.push_back("not closed, so that nothing counts as inside: " + open);
   if (!moving.empty()) all.notes.push_back("taken to stand where the scene has them: " + moving);
   all.add_pairs(options);
   all.ways.resize(all.parts.size());
@@ -296,24 +343,18 @@ Verdict Checker::check(std::span<const Motion> motions) {
   all.least = {};
   all.least_over = scene::kInfinity;
   const trajectory::Path& own = motions.front().path;
-  const double begin = own.joints() > 0 ? own.begin() : 0, end = own.joints() > 0 ? own.end() : 0;
-  std::vector<Impl::Instant> grid;
-  for (int k = 0; k <= kGrid; ++k) grid.push_back(all.at(begin + (end - begin) * k / kGrid));
-  // A good bound of the least distance first.
-  for (const Impl::Instant& now : grid)
-    for (std::size_t k = 0; k < all.pairs.size(); ++k)
-      if (!all.pairs[k].self) (void)all.over(k, now, all.least_over);
-  std::vector<Impl::Open> open(all.pairs.size());
-  for (int i = 0; i < kGrid; ++i) {
-    const Impl::Instant &from = grid[static_cast<std::size_t>(i)], &to = grid[static_cast<std::size_t>(i) + 1];
-    all.find_ways(from, to);
-    open.clear();
-    for (std::size_t k = 0; k < all.pairs.size(); ++k) {
-      const double most = all.enough(all.pairs[k]) + all.way_of(all.pairs[k], from);
-      open.push_back({k, all.over(k, from, most), all.over(k, to, most)});
-    }
-    if (all.meets(from, to, open)) return {false, all.least};
-  }
+  const double begin = own.joints() > 0 ? own.begin() : 0;
+  double end = own.joints() > 0 ? own.end() : 0;
+  for (const Tool& tool : all.robots.front().tools) end = tool.from < scene::kInfinity ? std::max(end, tool.from) : end;
+  std::vector<double> times{begin};
+  for (const Stand& stand : all.robots)
+    for (const Tool& tool : stand.tools)
+      for (const double t : {tool.from, tool.until})
+        if (t > begin && t <= end) times.push_back(t);
+  times.push_back(end);
+  std::ranges::sort(times);
+  for (std::size_t i = 0; i + 1 < times.size(); ++i)
+    if (all.meets(times[i], times[i + 1])) return {false, all.least};
   return {true, all.least};
 }
 

@@ -11,10 +11,19 @@
 /// Whether a robot keeps clear of others and of what stands around it while it moves.
 namespace cotwin::clearance {
 
+/// What a link carries for some time, such as a gripper.
+struct Tool {
+  std::string name;
+  int link = -1;                                              // index of a body of the robot; −1: the base
+  std::vector<scene::Shape> shapes;                           // in the frame of the link
+  double from = -scene::kInfinity, until = scene::kInfinity;  // s, both included
+};
+
 /// A robot at its place.
 struct Stand {
   scene::PlacedRobot robot;
   Pose X_WB;
+  std::vector<Tool> tools = {};
 };
 
 /// What a robot does: it follows `path`, or, where that has no joints, rests at q (n, rad or m).
@@ -24,9 +33,10 @@ struct Motion {
 };
 
 struct Options {
-  double clearance = 0;             // m: less than this is no longer clear
-  bool self = false;                // links of the robot that are no neighbours count, too, without clearance
-  std::vector<std::string> ignore;  // pairs of names, "link_5:table", "left/link_3:right/link_4"
+  double clearance = 0;  // m: less than this is no longer clear
+  bool self = false;     // links of the robot that are no neighbours count, too, without clearance, and so do its tools and
+                         // all links but those that carry them
+  std::vector<std::string> ignore;  // pairs of names, "link_5:table", "left/link_3:right/gripper"
 };
 
 /// A place of the motion, seen from the robot.
@@ -51,9 +61,10 @@ class Checker {
   /// Throws Error for a robot without shapes, shapes whose distance is not measured, and unknown names in `ignore`.
   Checker(const scene::Scene& scene, std::vector<Stand> robots, const Options& options);
   ~Checker();
-  /// What should be told beside the verdict: bodies that move in the scene and stand here, links without shapes.
+  /// What should be told beside the verdict: bodies that move in the scene and stand here, meshes that are not closed, links and tools without
+  /// shapes.
   const std::vector<std::string>& notes() const;
-  /// `motions`: of all robots, in their order; that of the first one says from when to when.
+  /// `motions`: of all robots, in their order; that of the first one says from when to when. If it gets a tool later, that moment counts, too.
   Verdict check(std::span<const Motion> motions);
 
  private:

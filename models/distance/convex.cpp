@@ -88,6 +88,10 @@ Index best_face(const Convex& c, const Vector3d& d_C) {
     return static_cast<Index>(2 * axis + (d_C[axis] > 0 ? 1 : 0));
   }
   const scene::Polytope& polytope = c.polytope;
+  if (polytope.vertices.size() == 3) {  // flat
+    const auto faces_less = [&](const auto& one, const auto& other) { return one.n.dot(d_C) < other.n.dot(d_C); };
+    return static_cast<Index>(std::ranges::max_element(polytope.faces, faces_less) - polytope.faces.begin());
+  }
   constexpr double kSame = 1e-9;  // of the extent
   const double top = polytope.vertices[farthest_vertex(polytope, d_C)].dot(d_C) - kSame * c.extent.maxCoeff() * d_C.norm();
   Index best = 0, held = 0;
@@ -200,6 +204,27 @@ Convex make_convex(const scene::Shape& shape) {
   }
   convex.X_BC = shape.X_BS;
   return convex;
+}
+
+Convex make_flat(const scene::Shape& triangle) {
+  scene::Polytope flat;
+  flat.vertices = triangle.vertices;
+  const std::vector<Vector3d>& v = flat.vertices;
+  const Vector3d n = (v[1] - v[0]).cross(v[2] - v[0]).normalized();
+  flat.faces = {{n, n.dot(v[0]), 0, 3}, {-n, -n.dot(v[0]), 3, 3}};
+  flat.corners = {0, 1, 2, 0, 2, 1};
+  flat.corner_edges = {0, 1, 2, 5, 4, 3};
+  flat.edges.resize(6);
+  for (Index k = 0; k < 3; ++k) {
+    const Index next = (k + 1) % 3;
+    const Vector3d out = (v[next] - v[k]).cross(n).normalized();
+    flat.faces.push_back({out, out.dot(v[k]), 6 + 2 * k, 2});
+    flat.corners.insert(flat.corners.end(), {k, next});
+    flat.corner_edges.insert(flat.corner_edges.end(), {k, k});
+    flat.edges[k] = {{k, next}, {0, 2 + k}};
+    flat.edges[3 + k] = {{k, next}, {2 + k, 1}};
+  }
+  return polytope_of(std::move(flat), triangle.X_BS);
 }
 
 void find_covered_faces(std::span<Convex> pieces) {

@@ -45,6 +45,9 @@ struct Convex {
 /// Throws Error for a hull without volume.
 Convex make_convex(const scene::Shape& shape);
 
+/// The triangle of a kTriangle alone, without the solid behind it: a polytope without volume.
+Convex make_flat(const scene::Shape& triangle);
+
 /// Sets `covered` for the pieces of one body: covered faces are not part of the body's surface.
 void find_covered_faces(std::span<Convex> pieces);
 

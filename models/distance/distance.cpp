@@ -110,7 +110,7 @@ Solid::Solid(std::span<const scene::Shape> shapes) {
     if (shape.type == scene::ShapeType::kHeightmap)
       throw Error("shape '" + shape.name + "'", "is a heightmap, whose distance is not measured; expected other shapes");
     const auto k = static_cast<std::uint32_t>(pieces_.size());
-    pieces_.push_back(make_convex(shape));
+    pieces_.push_back(shape.type == scene::ShapeType::kTriangle ? make_flat(shape) : make_convex(shape));
     present_.push_back(shape.tool.empty() ? 1 : 0);
     const Convex& piece = pieces_.back();
     for (const auto& face : piece.polytope.faces) corners_ = std::max<std::size_t>(corners_, face.count);
@@ -118,6 +118,7 @@ Solid::Solid(std::span<const scene::Shape> shapes) {
     reach_ = std::max(reach_,
                       piece.core == Core::kPlane ? scene::kInfinity : piece.X_BC.p.norm() + piece.extent.norm() + piece.round);
   }
+  find_meshes(shapes);
   if (!bounded.empty()) {
     const Node& root = nodes_[static_cast<std::size_t>(build(bounded))];
     middle_ = root.middle;
@@ -129,7 +130,8 @@ Solid::Solid(std::span<const scene::Shape> shapes) {
 
 void Solid::set_scaled(const Solid& unscaled, double factor) {
   *this = unscaled;
-  for (Convex& c : pieces_) {
+  for (std::size_t k = 0; k < pieces_.size() + prisms_.size(); ++k) {
+    Convex& c = k < pieces_.size() ? pieces_[k] : prisms_[k - pieces_.size()];
     for (double* length : {&c.round, &c.half, &c.radius}) *length *= factor;
     c.extent *= factor;
     c.X_BC.p *= factor;
@@ -149,7 +151,8 @@ void Solid::set_scaled(const Solid& unscaled, double factor) {
 std::int32_t Solid::build(std::span<std::uint32_t> pieces) {
   Vector3d low = Vector3d::Constant(scene::kInfinity), high = -low, first = low, last = high;
   for (const std::uint32_t k : pieces) {
-    const Vector3d &p = pieces_[k].X_BC.p, half = half_sizes(pieces_[k]);
+    const Convex& c = closed_[k] == Closed::kNo ? pieces_[k] : prisms_[k];
+    const Vector3d &p = c.X_BC.p, half = half_sizes(c);
     low = low.cwiseMin(p - half);
     high = high.cwiseMax(p + half);
     first = first.cwiseMin(p);
@@ -160,7 +163,7 @@ std::int32_t Solid::build(std::span<std::uint32_t> pieces) {
   node.half = (high - low) / 2;
   node.radius = node.half.norm();
   if (pieces.size() == 1) {
-    const Convex& c = pieces_[pieces[0]];
+    const Convex& c = closed_[pieces[0]] == Closed::kNo ? pieces_[pieces[0]] : prisms_[pieces[0]];
     node.piece = pieces[0];
     node.radius = std::min(node.radius, c.extent.norm() + c.round);
   } else {
@@ -186,14 +189,34 @@ void Finder::reserve(const Solid& solid) {
 }
 
 Distance Finder::find(const Solid& a, const Pose& X_WA, const Solid& b, const Pose& X_WB, double most) {
+  Distance best = nearest(a, X_WA, b, X_WB, most);
+  if (best.d <= 0) return best;
+  if (a.bounds_) find_inside(a, X_WA, b, X_WB, most, best);
+  if (!b.bounds_) return best;
+  Distance back = {.d = best.d};
+  find_inside(b, X_WB, a, X_WA, most, back);
+  return back.d < best.d ? Distance{back.d, -back.n, back.p_b, back.p_a} : best;
+}
+
+Distance Finder::nearest(const Solid& a, const Pose& X_WA, const Solid& b, const Pose& X_WB, double most, std::uint32_t group) {
   Distance best;
   const auto try_pieces = [&](std::uint32_t i, std::uint32_t j) {
     if (a.present_[i] == 0 || b.present_[j] == 0) return;
-    const Convex &piece_a = a.pieces_[i], &piece_b = b.pieces_[j];
+    if (group != kAll && (a.closed_[i] == Solid::Closed::kNo || b.groups_[j] != group)) return;
+    const Convex *piece_a = &a.pieces_[i], *piece_b = &b.pieces_[j];
     // About a place near both: far from the origin of W the rounding is larger.
-    const Vector3d origin = piece_a.core == Core::kPlane ? X_WB * piece_b.X_BC.p : X_WA * piece_a.X_BC.p;
-    const Distance found = distance({&piece_a, X_WA.R * piece_a.X_BC.R, X_WA * piece_a.X_BC.p - origin},
-                                    {&piece_b, X_WB.R * piece_b.X_BC.R, X_WB * piece_b.X_BC.p - origin}, scratch_, most);
+    const Vector3d origin = piece_a->core == Core::kPlane ? X_WB * piece_b->X_BC.p : X_WA * piece_a->X_BC.p;
+    const auto measure = [&] {
+      return distance({piece_a, X_WA.R * piece_a->X_BC.R, X_WA * piece_a->X_BC.p - origin},
+                      {piece_b, X_WB.R * piece_b->X_BC.R, X_WB * piece_b->X_BC.p - origin}, scratch_, most);
+    };
+    Distance found = measure();
+    if (found.d <= 0 && (a.closed_[i] != Solid::Closed::kNo || b.closed_[j] != Solid::Closed::kNo)) {
+      // What crosses a surface has to leave the solid behind it.
+      if (a.closed_[i] != Solid::Closed::kNo) piece_a = &a.prisms_[i];
+      if (b.closed_[j] != Solid::Closed::kNo) piece_b = &b.prisms_[j];
+      found = measure();
+    }
     if (found.d > most || !(found.d < best.d)) return;
     best = {found.d, found.n, found.p_a + origin, found.p_b + origin};
     most = found.d;

@@ -26,7 +26,10 @@ struct Distance {
 /// If the distance is more than `most`, the result may be a lower bound above it instead, with points that are not the nearest.
 Distance distance(const Placed& a, const Placed& b, Feature& scratch, double most = scene::kInfinity);
 
-/// The shapes of a body, in a tree of boxes in the frame of the body.
+/// The shapes of a body, in a tree of boxes in the frame of the body. Triangles that are joined at their edges are a mesh. It is closed, with solid
+/// inside, if each edge has as many triangles in one direction as in the other, or, with triangles that face the wrong way, an even number of them;
+/// otherwise it is a surface without solid. Inside is where the closed meshes wind around once or more; of those with triangles that face the wrong
+/// way, where a ray crosses them an odd number of times.
 class Solid {
  public:
   /// Throws Error for a hull without volume and for height fields.
@@ -41,7 +44,11 @@ class Solid {
   /// A smaller ball around them: its middle in the frame of the body, and its radius.
   const Eigen::Vector3d& middle() const { return middle_; }
   double radius() const { return radius_; }
-  const std::vector<Convex>& pieces() const { return pieces_; }
+  const std::vector<Convex>& pieces() const { return pieces_; }  // triangles are flat
+  /// Whether a mesh of it is not closed.
+  bool open() const { return open_; }
+  /// Whether a point in the frame of the body is inside a closed mesh. Allocates nothing.
+  bool contains(const Eigen::Vector3d& p) const;
   /// The shapes of tools are absent at first. Piece k is shape k.
   void set_present(std::size_t piece, bool present) { present_[piece] = present ? 1 : 0; }
 
@@ -53,9 +60,20 @@ class Solid {
     std::int32_t left = -1, right = -1;  // nodes; -1: a leaf with `piece`
     std::uint32_t piece = 0;
   };
+  struct Crossings {
+    int around = 0, all = 0;
+    bool certain = true;
+  };
+  enum class Closed : std::uint8_t { kNo, kOriented, kEven };
   std::int32_t build(std::span<std::uint32_t> pieces);
+  void find_meshes(std::span<const scene::Shape> shapes);
+  void cross(const Eigen::Vector3d& p, const Eigen::Vector3d& d, std::int32_t node, Crossings& crossings) const;
 
   std::vector<Convex> pieces_;
+  std::vector<Convex> prisms_;          // of triangles of closed meshes, by piece; empty without
+  std::vector<Closed> closed_;          // by piece
+  std::vector<std::uint32_t> groups_;   // by piece: the first one of its mesh, or itself
+  bool open_ = false, bounds_ = false;  // bounds: a mesh is closed
   std::vector<char> present_;
   std::vector<Node> nodes_;            // the root is the last one
   std::vector<std::uint32_t> planes_;  // pieces that are in no box
@@ -70,6 +88,8 @@ class Finder {
   /// Allocates for these bodies.
   void reserve(const Solid& solid);
   /// The distance of two bodies if it is at most `most`, otherwise infinity. Equal arguments give equal bits. Allocates nothing.
+  /// Of a part that is inside a closed mesh of the other body without touching its surface it is -(its distance from the surface + its depth along
+  /// n), with n the shortest way to the surface.
   Distance find(const Solid& a, const Pose& X_WA, const Solid& b, const Pose& X_WB, double most = scene::kInfinity);
 
  private:
@@ -77,6 +97,11 @@ class Finder {
     std::int32_t a, b;
     double least;  // lower bound of the distance
   };
+  static constexpr std::uint32_t kAll = 0xFFFFFFFF;
+  /// From the surfaces; with a group of b, that group from the closed meshes of a.
+  Distance nearest(const Solid& a, const Pose& X_WA, const Solid& b, const Pose& X_WB, double most, std::uint32_t group = kAll);
+  /// The deepest of the parts of b that are inside a without touching it, if it is deeper than `best`.
+  void find_inside(const Solid& a, const Pose& X_WA, const Solid& b, const Pose& X_WB, double most, Distance& best);
 
   std::vector<Step> stack_;
   std::size_t depth_ = 0;  // of the deepest tree

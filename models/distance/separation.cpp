@@ -87,7 +87,7 @@ Separation from_polytope(const scene::Polytope& polytope, const Vector3d& p) {
   for (const scene::Polytope::Face& face : polytope.faces) {  // points above a face
     const double height = face.n.dot(p) - face.d;
     if (height <= 0 || height >= least) continue;
-    bool above = true;
+    bool above = face.count > 2;  // sides of flat ones are edges
     for (std::uint32_t k = 0; k < face.count && above; ++k) {
       const Vector3d& from = polytope.vertices[polytope.corners[face.begin + k]];
       const Vector3d& to = polytope.vertices[polytope.corners[face.begin + (k + 1) % face.count]];
