@@ -53,9 +53,7 @@ void add_tools(const std::string& setting, scene::PlacedRobot& placed, const std
       const std::string& on_robot = frame.name == tool.base.name ? name : frame.name;
       frames[on_robot] = {on_robot, body, X_BA * frame.X_BF};
     }
-    const std::vector<std::vector<scene::Shape>> shapes = scene::shapes_of_urdf(file, tool, &warnings);
-    for (scene::Shape shape : shapes.front()) {
-      shape.X_BS = X_BA * shape.X_BS;
+    for (scene::Shape& shape : scene::shapes_of_tool(file, X_BA, &warnings)) {
       shape.tool = name;
       placed.shapes[static_cast<std::size_t>(body + 1)].push_back(std::move(shape));
     }

@@ -8,6 +8,7 @@
 #include "models/foundation/support/text.h"
 #include "models/robot/urdf/urdf.h"
 #include "models/scene/sdf/sdf.h"
+#include "models/scene/urdf/urdf_shapes.h"
 
 namespace cotwin::services {
 
@@ -131,6 +132,14 @@ scene::Scene Robots::scene(const std::string& name, std::vector<std::string>& no
       if (is_file(file)) return scene::load(file, &notes);
   throw Error("scene", "'" + name + "' is unknown, expected scenes/" + name + "/scene.sdf or scenes/" + name +
                            ".sdf beside a folder with robots" + (paths_ ? ", or a path to an SDF file" : ""));
+}
+
+std::vector<scene::Shape> Robots::tool(const std::string& urdf, const Pose& X_BA, std::vector<std::string>& notes) const {
+  if (!paths_) throw Error("tool", "is a path to a URDF, expected a box: paths are for the command line");
+  if (!is_file(urdf)) throw Error("tool", "'" + urdf + "' is no file, expected a path to a URDF");
+  std::vector<scene::Shape> shapes = scene::shapes_of_tool(urdf, X_BA, &notes);
+  if (shapes.empty()) throw Error(urdf, "has no <collision> shapes, so it would meet nothing");
+  return shapes;
 }
 
 fs::path Robots::urdf_of(const std::string& name) const {

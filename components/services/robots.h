@@ -86,6 +86,8 @@ class Robots {
   /// The scene NAME: scenes/NAME/scene.sdf or scenes/NAME.sdf beside one of the folders; a path to an SDF file, if paths are allowed. `notes`: what
   /// its reader warned of. Throws Error.
   scene::Scene scene(const std::string& name, std::vector<std::string>& notes) const;
+  /// The shapes of a tool by a path to its URDF, at X_BA of the body that carries it. Throws Error, also where paths are not allowed.
+  std::vector<scene::Shape> tool(const std::string& urdf, const Pose& X_BA, std::vector<std::string>& notes) const;
   /// All names in the folders, sorted.
   std::vector<std::string> names() const;
   const std::string& fallback() const { return fallback_; }

@@ -16,6 +16,7 @@
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
 #include "models/robot/changes/attachment.h"
+#include "models/robot/start.h"
 
 namespace cotwin::master {
 
@@ -328,7 +329,8 @@ void Builder::group() {
                                              (nodes_[i].robot.empty() ? "" : nodes_[i].robot + ".") + std::string("q0"));
       if (q0.size() == n && robot.q0.empty()) robot.q0 = std::move(q0);
     }
-    robot.q0.resize(n, 0);
+    for (std::size_t j = robot.q0.size(); j < n; ++j)
+      robot.q0.push_back(robot::default_start(stage_.models[robot.model].model->joints[j]));
     add_tools(robot, of_group);
     if (robot.tracks.empty() && tell_of_other_joints(robot)) {
       stage_.robots.push_back(std::move(robot));

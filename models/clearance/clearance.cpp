@@ -115,6 +115,21 @@ struct Checker::Impl {
     }
   }
 
+  /// The state of a motion at t, also of one that loops.
+  static void follow(const Motion& motion, double t, std::vector<double>& q, std::vector<double>& dq,
+                     std::vector<double>& ddq) {
+    const double T = motion.period, begin = motion.path.end() - T;
+    bool back = false;
+    if (motion.loop != Motion::Loop::kNo && t > begin + T) {
+      const double cycles = std::floor((t - begin) / T);
+      t -= cycles * T;
+      back = motion.loop == Motion::Loop::kThereAndBack && std::fmod(cycles, 2) == 1;
+    }
+    motion.path.at(back ? 2 * begin + T - t : t, q, dq, ddq);
+    if (back)
+      for (double& speed : dq) speed = -speed;
+  }
+
   Instant at(double t) const {
     Instant now;
     now.t = t;
@@ -132,7 +147,7 @@ struct Checker::Impl {
       now.q[r].resize(model.joints.size());
       now.dq[r].resize(model.joints.size());
       ddq.resize(model.joints.size());
-      if (motion.path.joints() > 0) motion.path.at(t, now.q[r], now.dq[r], ddq);
+      if (motion.path.joints() > 0) follow(motion, t, now.q[r], now.dq[r], ddq);
       X_WL.resize(model.bodies.size());
       V_WL.resize(model.bodies.size());
       scene::place_links(model, robots[r].X_WB, now.q[r], now.dq[r], X_WL, V_WL);
@@ -202,11 +217,12 @@ struct Checker::Impl {
                                [&](const Tool* tool) { return tool == nullptr || (tool->from <= from && tool->until >= to); });
   }
 
-  /// From `begin` to `end`, between which no tool comes or goes.
-  bool meets(double begin, double end) {
+  /// From `begin` to `end`, between which no tool comes or goes. `again`: what stands was passed before.
+  bool meets(double begin, double end, bool again) {
     std::vector<std::size_t> present;
     for (std::size_t k = 0; k < pairs.size(); ++k)
-      if (exists(pairs[k], begin, end)) present.push_back(k);
+      if (exists(pairs[k], begin, end) && !(again && parts[pairs[k].b].robot <= 0)) present.push_back(k);
+    if (present.empty()) return false;
     std::vector<Instant> grid;
     for (int k = 0; k <= kGrid; ++k) grid.push_back(at(begin + (end - begin) * k / kGrid));
     // A good bound of the least distance first.
@@ -329,7 +345,7 @@ Checker::Checker(const scene::Scene& scene, std::vector<Stand> robots, const Opt
   all.ways.resize(all.parts.size());
 }
 
-Verdict Checker::check(std::span<const Motion> motions) {
+Verdict Checker::check(std::span<const Motion> motions, double until) {
   Impl& all = *impl_;
   all.motions = motions;
   all.fastest.assign(motions.size(), {});
@@ -343,18 +359,22 @@ Verdict Checker::check(std::span<const Motion> motions) {
   all.least = {};
   all.least_over = scene::kInfinity;
   const trajectory::Path& own = motions.front().path;
-  const double begin = own.joints() > 0 ? own.begin() : 0;
-  double end = own.joints() > 0 ? own.end() : 0;
-  for (const Tool& tool : all.robots.front().tools) end = tool.from < scene::kInfinity ? std::max(end, tool.from) : end;
-  std::vector<double> times{begin};
+  const double begin = own.joints() > 0 ? own.begin() : 0, once = own.joints() > 0 ? own.end() : 0;
+  const std::vector<Tool>& tools = all.robots.front().tools;
+  double end = motions.front().loop == Motion::Loop::kNo ? once : std::max(once, until);
+  for (const Tool& tool : tools) end = tool.from < scene::kInfinity ? std::max(end, tool.from) : end;
+  std::vector<double> times{begin, once, end};
   for (const Stand& stand : all.robots)
     for (const Tool& tool : stand.tools)
       for (const double t : {tool.from, tool.until})
-        if (t > begin && t <= end) times.push_back(t);
-  times.push_back(end);
+        if (t > begin && t < end) times.push_back(t);
   std::ranges::sort(times);
-  for (std::size_t i = 0; i + 1 < times.size(); ++i)
-    if (all.meets(times[i], times[i + 1])) return {false, all.least};
+  times.erase(std::unique(times.begin(), times.end()), times.end());
+  if (times.size() == 1 || !tools.empty()) times.push_back(end);  // a moment of its own
+  for (std::size_t i = 0; i + 1 < times.size(); ++i) {
+    const bool again = times[i] >= once && times[i] > begin && tools.empty();
+    if (all.meets(times[i], times[i + 1], again)) return {false, all.least};
+  }
   return {true, all.least};
 }
 

@@ -26,10 +26,13 @@ struct Stand {
   std::vector<Tool> tools = {};
 };
 
-/// What a robot does: it follows `path`, or, where that has no joints, rests at q (n, rad or m).
+/// What a robot does: it follows `path`, rests before and after it or goes on, or, where that has no joints, rests at q (n, rad or m).
 struct Motion {
+  enum class Loop { kNo, kRepeat, kThereAndBack };
   trajectory::Path path;
-  std::vector<double> q;
+  std::vector<double> q = {};
+  Loop loop = Loop::kNo;
+  double period = 0;  // s, of the part before the path's end that is repeated
 };
 
 struct Options {
@@ -64,8 +67,9 @@ class Checker {
   /// What should be told beside the verdict: bodies that move in the scene and stand here, meshes that are not closed, links and tools without
   /// shapes.
   const std::vector<std::string>& notes() const;
-  /// `motions`: of all robots, in their order; that of the first one says from when to when. If it gets a tool later, that moment counts, too.
-  Verdict check(std::span<const Motion> motions);
+  /// `motions`: of all robots, in their order; that of the first one says from when to when. If it gets a tool later, that moment counts, too, and
+  /// if it loops all until `until` (s) does.
+  Verdict check(std::span<const Motion> motions, double until = 0);
 
  private:
   struct Impl;

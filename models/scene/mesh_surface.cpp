@@ -167,7 +167,8 @@ MeshSurface surface_of(Mesh mesh, bool is_static) {
       remark(what + ", so that it has no volume: its convex hull is used");
       return surface;
     }
-    remark(what + ": its " + std::to_string(mesh.triangles.size()) + " triangles are a surface with solid behind them");
+    remark(what + ": its " + std::to_string(mesh.triangles.size()) +
+           " triangles are a surface, with solid behind it for contacts only");
   }
   const std::size_t most = is_static ? kMostStatic : kMostDynamic;
   if (mesh.triangles.size() > most) {

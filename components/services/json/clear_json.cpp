@@ -1,6 +1,7 @@
 #include "components/services/json/clear_json.h"
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 #include <set>
 #include <utility>
@@ -12,22 +13,24 @@ namespace cotwin::services {
 
 namespace {
 
-constexpr std::size_t kMostRobots = 20;
+constexpr std::size_t kMostRobots = 20, kMostTools = 20;
 
-/// {"p_m", "quaternion_wxyz"}
+/// The members "p_m" and "quaternion_wxyz".
+Pose read_pose(Reader& r, const char* what) {
+  Pose X;
+  const std::vector<double> p = r.vector("p_m", 3, true, what);
+  const std::vector<double> Q = r.vector("quaternion_wxyz", 4, true, "without it not turned");
+  if (!p.empty()) X.p = {p[0], p[1], p[2]};
+  if (Q.empty()) return X;
+  const Eigen::Quaterniond turned(Q[0], Q[1], Q[2], Q[3]);
+  if (!(std::abs(turned.norm() - 1) < 1e-3))
+    throw RequestError(r.pointer("quaternion_wxyz"), "has the length " + text::to_text(turned.norm()) + ", expected 1");
+  X.R = turned.normalized().toRotationMatrix();
+  return X;
+}
+
 Pose read_base(Reader& r, const char* what) {
-  const auto read = [](Reader& own) {
-    Pose X_WB;
-    const std::vector<double> p = own.vector("p_m", 3, true, "in the scene; without it 0");
-    const std::vector<double> Q = own.vector("quaternion_wxyz", 4, true, "without it not turned");
-    if (!p.empty()) X_WB.p = {p[0], p[1], p[2]};
-    if (Q.empty()) return X_WB;
-    const Eigen::Quaterniond turned(Q[0], Q[1], Q[2], Q[3]);
-    if (!(std::abs(turned.norm() - 1) < 1e-3))
-      throw RequestError(own.pointer("quaternion_wxyz"), "has the length " + text::to_text(turned.norm()) + ", expected 1");
-    X_WB.R = turned.normalized().toRotationMatrix();
-    return X_WB;
-  };
+  const auto read = [](Reader& own) { return read_pose(own, "in the scene; without it 0"); };
   r.declare("base", Reader::schema_of([&](Reader& own) { (void)read(own); }), false, what);
   const Json* const given = r.any("base");
   if (!given) return {};
@@ -35,6 +38,64 @@ Pose read_base(Reader& r, const char* what) {
   const Pose X_WB = read(own);
   own.finish();
   return X_WB;
+}
+
+clearance::Tool read_tool(const Robot& robot, Reader& r, const std::string& name, const Context& context,
+                          std::vector<std::string>& notes) {
+  clearance::Tool tool;
+  tool.name = r.text("name", name, "in names of links, beside those of the robot");
+  const std::string frame = r.text("frame", {}, "of the robot that carries it, such as a link");
+  const Pose X_FA = read_pose(r, "in that frame, of the root link or the middle of the box; without it 0");
+  r.declare("urdf", schemas::kText, false, "path to a tool with collision shapes, on the command line only");
+  const std::vector<double> box = r.vector("box_m", 3, true, "edges, in place of a URDF");
+  if (r.describes()) return tool;
+  if (r.has("urdf") == !box.empty())
+    throw RequestError(r.pointer("urdf"), box.empty() ? "and box_m are missing, expected one of them"
+                                                      : "is given beside box_m, expected one of them");
+  robot::Frame carrier;
+  try {
+    carrier = robot.model.frame(frame);
+  } catch (const Error& error) {
+    throw RequestError(r.pointer("frame"), error.what());
+  }
+  tool.link = carrier.body;
+  const Pose X_BA = carrier.X_BF * X_FA;
+  if (box.empty()) {
+    const std::string urdf = r.text("urdf");
+    try {
+      tool.shapes = context.robots->tool(urdf, X_BA, notes);
+    } catch (const Error& error) {
+      throw RequestError(r.pointer("urdf"), error.what());
+    }
+    return tool;
+  }
+  if (*std::ranges::min_element(box) <= 0) throw RequestError(r.pointer("box_m"), "has an edge of 0 or less, expected lengths");
+  tool.shapes.resize(1);
+  tool.shapes.front().type = scene::ShapeType::kBox;
+  tool.shapes.front().size = {box[0], box[1], box[2]};
+  tool.shapes.front().X_BS = X_BA;
+  return tool;
+}
+
+std::vector<clearance::Tool> read_tools(const Robot& robot, Reader& r, const Context& context,
+                                        std::vector<std::string>& notes) {
+  std::vector<clearance::Tool> tools;
+  r.declare("tools",
+            schemas::array_of(Reader::schema_of([&](Reader& own) { (void)read_tool(robot, own, "", context, notes); })), false,
+            "what it carries");
+  const Json* const given = r.any("tools");
+  if (given && (!given->is_array() || given->size() > kMostTools))
+    throw RequestError(r.pointer("tools"), "is no array of at most " + std::to_string(kMostTools) + " tools");
+  for (std::size_t k = 0; given && k < given->size(); ++k) {
+    Reader own((*given)[k], r.pointer("tools") + "/" + std::to_string(k));
+    clearance::Tool tool = read_tool(robot, own, "tool_" + std::to_string(k + 1), context, notes);
+    own.finish();
+    if (std::ranges::find(tools, tool.name, &clearance::Tool::name) != tools.end() ||
+        std::ranges::find(robot.model.frames, tool.name, &robot::Frame::name) != robot.model.frames.end())
+      throw RequestError(own.pointer("name"), "'" + tool.name + "' is there twice, expected a name of its own");
+    tools.push_back(std::move(tool));
+  }
+  return tools;
 }
 
 clearance::Stand stand_of(const Robot& robot, std::string name, const Pose& X_WB, std::vector<std::string>& notes) {
@@ -81,10 +142,13 @@ std::optional<ClearOf> ClearOf::read(const Robot& robot, Reader& r, const Contex
     options.self = own.boolean("self", false, "links of the robot that are no neighbours must not touch, either");
     options.ignore = own.texts("ignore", {}, "pairs of links and bodies that do not count: link_5:table");
     const Pose X_WB = read_base(own, "where the base of the robot stands");
+    std::vector<clearance::Tool> tools = read_tools(robot, own, context, clear.notes_);
     own.declare("robots", schemas::array_of(Reader::schema_of([](Reader& other) {
                   other.declare("robot", schemas::kText, true, "name of a robot");
                   Pose unused;
                   (void)read_other({}, other, unused);
+                  std::vector<std::string> none;
+                  (void)read_tools({}, other, {}, none);
                 })),
                 false, "other robots");
     const Json* const robots = own.any("robots");
@@ -98,6 +162,7 @@ std::optional<ClearOf> ClearOf::read(const Robot& robot, Reader& r, const Contex
       throw RequestError(own.pointer("scene"), error.what());
     }
     stands.push_back(stand_of(robot, "", X_WB, clear.notes_));
+    stands.back().tools = std::move(tools);
     clear.motions_.resize(1);
     if (robots && (!robots->is_array() || robots->size() > kMostRobots))
       throw RequestError(own.pointer("robots"), "is no array of at most " + std::to_string(kMostRobots) + " robots");
@@ -114,10 +179,12 @@ std::optional<ClearOf> ClearOf::read(const Robot& robot, Reader& r, const Contex
       }
       Pose place;
       auto [name, motion] = read_other(*found, other, place);
+      tools = read_tools(*found, other, context, clear.notes_);
       other.finish();
       if (!names.insert(name).second)
         throw RequestError(other.pointer("name"), "'" + name + "' is there twice, expected a name for each robot");
       stands.push_back(stand_of(*found, name, place, clear.notes_));
+      stands.back().tools = std::move(tools);
       clear.motions_.push_back(std::move(motion));
     }
     own.finish();

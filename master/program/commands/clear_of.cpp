@@ -2,10 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "master/engine/wiring/members.h"
 #include "master/program/commands/commands.h"
 #include "master/view/stage.h"
+#include "models/foundation/support/choice.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
 #include "models/scene/sdf/sdf.h"
@@ -15,7 +17,7 @@ namespace cotwin::master {
 
 namespace fs = std::filesystem;
 
-scene::Scene scene_with(const std::string& name, std::optional<double> floor) {
+scene::Scene scene_with(const std::string& name, std::optional<double> floor, std::vector<std::string>& notes) {
   scene::Scene scene;
   std::error_code none;
   if (!name.empty()) {
@@ -24,7 +26,7 @@ scene::Scene scene_with(const std::string& name, std::optional<double> floor) {
       if (!fs::is_regular_file(file, none)) file = folder / "scenes" / name / "scene.sdf";
     if (!fs::is_regular_file(file, none))
       throw Error("scene '" + name + "'", "is neither a file nor the name of a scene, expected an SDF file");
-    scene = scene::load(file);
+    scene = scene::load(file, &notes);
   }
   if (floor) {
     scene::Body plane;
@@ -36,6 +38,22 @@ scene::Scene scene_with(const std::string& name, std::optional<double> floor) {
     scene.bodies.push_back(std::move(plane));
   }
   return scene;
+}
+
+std::pair<std::string, Pose> read_base(const std::string& text) {
+  const std::size_t colon = text.rfind(':');
+  const bool named = colon != std::string::npos;
+  std::vector<double> numbers;
+  for (const std::string_view word : text::split(std::string_view(text).substr(named ? colon + 1 : 0), ' '))
+    if (!word.empty()) numbers.push_back(text::parse_real(word).value_or(std::numeric_limits<double>::quiet_NaN()));
+  const bool finite = std::ranges::all_of(numbers, [](double x) { return std::isfinite(x); });
+  if (!finite || (numbers.size() != 3 && numbers.size() != 6))
+    throw Error(
+        "--base",
+        "'" + text + "', expected x y z or x y z roll pitch yaw in m and rad, after NAME: where there are several robots");
+  numbers.resize(6);
+  return {named ? std::string(text::trim(std::string_view(text).substr(0, colon))) : "",
+          {rotation_from_rpy(numbers[3], numbers[4], numbers[5]), {numbers[0], numbers[1], numbers[2]}}};
 }
 
 trajectory::Path path_of(std::size_t joints, const std::vector<double>& t, const std::vector<double>& rows) {
@@ -51,20 +69,39 @@ trajectory::Path path_of(std::size_t joints, const std::vector<double>& t, const
 
 namespace {
 
-/// The desired motion of a unit:motion, from the start to its end.
-trajectory::Path motion_of(Member& member, std::vector<double>& waypoints) {
+using Level = fmu::Finding::Level;
+
+/// A unit:motion of joints.
+struct Mover {
+  std::string name;
+  double start = 0;  // s
+  bool slows = false;
+  std::vector<double> waypoints;  // s, from the start
+  clearance::Motion motion;
+};
+
+Mover mover_of(Member& member, Time begin) {
+  constexpr double kLongest = 3600, kStep = 0.002;  // s
+  using Loop = clearance::Motion::Loop;
   const Variables& v = member.variables();
   Unit& unit = *member.instance.unit;
-  unit.initialise(Time{});
-  if (const Variable* times = v.find("waypoint_t")) waypoints.assign(times->reals().begin(), times->reals().end());
-  const double duration = v.at("duration").reals()[0];
-  const double end = v.at("t_start").reals()[0] + duration;
-  if (!(duration > 0 && end <= 3600))
-    throw Error(member.name(), "lasts " + text::to_text(end) + " s, expected at most an hour");
-  const auto steps = static_cast<std::int64_t>(std::clamp(std::ceil(end / 0.002), 100.0, 1e6));
-  const Duration h = Duration::from_seconds(end / static_cast<double>(steps));
+  unit.initialise(begin);
+  Mover mover;
+  mover.name = member.name();
+  mover.start = v.at("t_start").reals()[0];
+  mover.slows = v.find("speed") != nullptr;
+  if (const Variable* times = v.find("waypoint_t")) mover.waypoints.assign(times->reals().begin(), times->reals().end());
+  mover.motion.loop =
+      text::choose<Loop>(mover.name + ".loop", v.at("loop").strings()[0],
+                         {{"no", Loop::kNo}, {"repeat", Loop::kRepeat}, {"there_and_back", Loop::kThereAndBack}});
+  mover.motion.period = v.at("duration").reals()[0];
+  const double end = mover.start + mover.motion.period, length = std::max(end - begin.seconds(), kStep);
+  if (!(mover.motion.period > 0 && end <= kLongest))
+    throw Error(mover.name, "lasts " + text::to_text(end) + " s, expected at most an hour");
+  const auto steps = static_cast<std::int64_t>(std::clamp(std::ceil(length / kStep), 100.0, 1e6));
+  const Duration h = Duration::from_seconds(length / static_cast<double>(steps));
   std::vector<double> t, rows;
-  Time now{};
+  Time now = begin;
   for (std::int64_t k = 0; k <= steps; ++k) {
     t.push_back(now.seconds());
     for (const char* name : {"q_d", "dq_d", "ddq_d"}) {
@@ -74,64 +111,174 @@ trajectory::Path motion_of(Member& member, std::vector<double>& waypoints) {
     (void)unit.step(now, h);
     now = now + h;
   }
-  return path_of(v.at("q_d").size(), t, rows);
+  mover.motion.path = path_of(v.at("q_d").size(), t, rows);
+  return mover;
+}
+
+/// A robot of the scenario.
+struct Standing {
+  const StagedRobot* robot;
+  const Mover* mover = nullptr;  // one of its motions
+  std::string name;
+  std::string placed_by;  // "": its place is not known
+  Pose X_WB;
+};
+
+/// The robots of a stage, at the places of contact worlds and monitors, or those given.
+std::vector<Standing> stand(const Stage& stage, const std::vector<Mover>& movers, const std::vector<std::string>& bases) {
+  std::vector<Standing> robots;
+  std::vector<std::string> names;
+  for (const StagedRobot& robot : stage.robots) {
+    Standing one{&robot, nullptr, robot.name, "", {}};
+    for (const StagedTrack& track : robot.tracks) {
+      const auto found = std::ranges::find_if(movers, [&](const Mover& mover) { return mover.name + ".q_d" == track.signal; });
+      if (found != movers.end() && one.mover == nullptr) one.mover = &*found, one.name = found->name;
+    }
+    if (robot.in_world) {
+      one.X_WB = robot.base.X_WB;
+      one.placed_by = robot.base.p.substr(0, robot.base.p.rfind('.'));
+    }
+    names.push_back(one.name);
+    robots.push_back(std::move(one));
+  }
+  for (const std::string& text : bases) {
+    const auto [name, X_WB] = read_base(text);
+    const auto found = name.empty() && robots.size() == 1 ? robots.begin() : std::ranges::find(robots, name, &Standing::name);
+    if (found == robots.end())
+      throw Error("--base", "'" + text + "' names no robot, expected NAME: of " + text::joined(names) + " before the numbers");
+    found->X_WB = X_WB;
+    found->placed_by = "--base";
+  }
+  return robots;
+}
+
+/// Whether a robot may be the twin of another one, which it does not meet: both have the same motion, or stand at the same place in different
+/// components.
+bool is_twin(const Standing& one, const Standing& other) {
+  const std::vector<std::string>&components = one.robot->components, &others = other.robot->components;
+  const bool together = std::ranges::find_first_of(components, others) != components.end();
+  return (one.mover != nullptr && one.mover == other.mover) || (one.X_WB == other.X_WB && !together);
+}
+
+clearance::Stand stand_of(const Standing& one, const Stage& stage, const std::string& name, std::vector<std::string>& notes) {
+  const StagedModel& model = stage.models[one.robot->model];
+  clearance::Stand stand{{name, *model.model, scene::hulls_of_urdf(model.urdf, *model.model)}, one.X_WB};
+  for (const StagedTool& tool : one.robot->tools) {
+    stand.tools.push_back({tool.name, tool.body, {}, tool.from, tool.until.value_or(scene::kInfinity)});
+    if (!tool.urdf.empty()) stand.tools.back().shapes = scene::shapes_of_tool(tool.urdf, tool.X_BA, &notes);
+  }
+  return stand;
+}
+
+bool has_shapes(const clearance::Stand& stand) {
+  return std::ranges::any_of(stand.robot.shapes, [](const auto& shapes) { return !shapes.empty(); });
+}
+
+/// " at 1.2 s, between waypoints 1 and 2"
+std::string time_of(double t, const Mover& mover) {
+  const auto leg = std::ranges::upper_bound(mover.waypoints, t - mover.start);
+  std::string when = " at " + text::to_text(t, 4) + " s";
+  if (mover.waypoints.size() > 1 && leg != mover.waypoints.begin() && leg != mover.waypoints.end())
+    when += ", between waypoints " + std::to_string(leg - mover.waypoints.begin()) + " and " +
+            std::to_string(leg - mover.waypoints.begin() + 1);
+  return when;
+}
+
+/// What one motion comes near to, and what that rests on. The robots' motions go on until `until`.
+std::vector<fmu::Finding> judge(const Mover& mover, const std::vector<Standing>& robots, const Stage& stage,
+                                const scene::Scene& scene, double until) {
+  std::vector<fmu::Finding> findings;
+  const auto note = [&](const std::string& what) { findings.push_back({Level::kNote, mover.name + ": " + what}); };
+  const auto own = std::ranges::find_if(robots, [&](const Standing& one) {
+    return std::ranges::find(one.robot->tracks, mover.name + ".q_d", &StagedTrack::signal) != one.robot->tracks.end();
+  });
+  if (own == robots.end() || stage.models[own->robot->model].urdf.empty()) {
+    note("not checked for collisions, because its robot is not known");
+    return findings;
+  }
+  std::vector<std::string> notes;
+  std::vector<clearance::Stand> stands{stand_of(*own, stage, "", notes)};
+  std::vector<clearance::Motion> motions{mover.motion};
+  std::string resting, unknown, bare;
+  bool slows = mover.slows;
+  for (const Standing& other : robots) {
+    if (&other == &*own || is_twin(*own, other) || stage.models[other.robot->model].urdf.empty()) continue;
+    clearance::Stand there = stand_of(other, stage, other.name, notes);
+    if (own->placed_by.empty() || other.placed_by.empty()) {
+      text::append(unknown, other.name);
+    } else if (!has_shapes(there)) {
+      text::append(bare, other.name);
+    } else {
+      stands.push_back(std::move(there));
+      motions.push_back(other.mover != nullptr ? other.mover->motion : clearance::Motion{{}, other.robot->q0});
+      if (other.mover == nullptr) text::append(resting, other.name);
+      slows = slows || (other.mover != nullptr && other.mover->slows);
+    }
+  }
+  clearance::Checker checker(scene, std::move(stands), {0, true, {}});
+  const clearance::Verdict verdict = checker.check(motions, until);
+  const clearance::Nearest& at = verdict.nearest;
+  if (!verdict.clear)
+    findings.push_back({Level::kError, mover.name + ": " + at.link + " meets " + at.other + time_of(at.t, mover)});
+  else if (std::isfinite(at.d))
+    note("clear; nearest: " + at.link + ", " + text::to_text(at.d, 3) + " m from " + at.other + time_of(at.t, mover));
+  else
+    note("clear; there is nothing to meet");
+  notes.insert(notes.end(), checker.notes().begin(), checker.notes().end());
+  for (const std::string& what : notes) note(what);
+  if (!resting.empty()) note("no motion of joints is known of " + resting + ", taken to rest at the start");
+  if (!unknown.empty()) note("not checked against " + unknown + ", because no places are given (--base 'NAME: x y z')");
+  if (!bare.empty()) note("not checked against " + bare + ", because there are no shapes");
+  if (motions.size() > 1 && slows) note("checked at the planned times; where a motion is slowed, robots meet elsewhere");
+  return findings;
 }
 
 }  // namespace
 
-std::vector<fmu::Finding> check_clear(const fs::path& file, const std::string& name) {
-  using Level = fmu::Finding::Level;
+std::vector<fmu::Finding> check_clear(const fs::path& file, const std::string& name, const std::vector<std::string>& bases) {
+  constexpr double kLongest = 3600;  // s
   const Scenario scenario = load_scenario(file);
   const std::vector<fs::path> folders = model_folders(file.parent_path());
-  const scene::Scene scene = scene_with(name, {});
-  std::vector<fmu::Finding> findings;
+  std::vector<std::string> notes;
+  const scene::Scene scene = scene_with(name, {}, notes);
   fmu::FmuStore fmus;
+  std::vector<Mover> movers;
+  Recorded signals;  // the places of robots are those that the page has
+  std::string floating;
   for (const ComponentSpec& spec : scenario.components) {
-    if (!is_unit(spec) || parse_unit_source(spec.source).unit != "motion") continue;
+    if (!is_unit(spec)) continue;
+    if (spec.source.find("base=floating") != std::string::npos) text::append(floating, spec.name);
+    if (parse_unit_source(spec.source).unit != "motion") continue;
     Member member = load_member(spec, scenario, units(), folders, fmus);
     apply(start_values(scenario, member), member.variables());
     if (member.variables().find("q_d") == nullptr) {
-      findings.push_back({Level::kNote, spec.name + ": not checked for collisions, because its motion is one of poses"});
+      notes.push_back(spec.name + ": not checked for collisions, because its motion is one of poses");
       continue;
     }
-    // The places of robots are those that the page has.
-    Recorded signals;
+    movers.push_back(mover_of(member, scenario.start));
     const std::size_t n = member.variables().at("q_d").size();
-    signals.signals.push_back({spec.name + ".q_d", "", 0, n});
-    signals.columns.resize(n);
-    const Stage stage = stage_of(scenario, signals, units(), folders);
-    const auto robot = std::ranges::find_if(stage.robots, [&](const StagedRobot& one) {
-      return std::ranges::any_of(one.tracks, [&](const StagedTrack& track) { return track.signal == spec.name + ".q_d"; });
-    });
-    if (robot == stage.robots.end() || stage.models[robot->model].urdf.empty()) {
-      findings.push_back({Level::kNote, spec.name + ": not checked for collisions, because its robot is not known"});
-      continue;
-    }
-    const StagedModel& model = stage.models[robot->model];
-    std::vector<double> waypoints;
-    const clearance::Motion motion{motion_of(member, waypoints), {}};
-    clearance::Stand stand{{"", *model.model, scene::hulls_of_urdf(model.urdf, *model.model)},
-                           robot->in_world ? robot->base.X_WB : Pose{}};
-    clearance::Checker checker(scene, {std::move(stand)}, {0, true, {}});
-    const clearance::Verdict verdict = checker.check({&motion, 1});
-    const clearance::Nearest& at = verdict.nearest;
-    const double start = member.variables().at("t_start").reals()[0];
-    const auto leg = std::ranges::upper_bound(waypoints, at.t - start);
-    std::string where = " at " + text::to_text(at.t, 4) + " s";
-    if (waypoints.size() > 1 && leg != waypoints.begin() && leg != waypoints.end())
-      where += ", between waypoints " + std::to_string(leg - waypoints.begin()) + " and " +
-               std::to_string(leg - waypoints.begin() + 1);
-    if (!verdict.clear)
-      findings.push_back({Level::kError, spec.name + ": " + at.link + " meets " + at.other + where});
-    else if (std::isfinite(at.d))
-      findings.push_back({Level::kNote, spec.name + ": clear; nearest: " + at.link + ", " + text::to_text(at.d, 3) +
-                                            " m from " + at.other + where});
-    else
-      findings.push_back({Level::kNote, spec.name + ": clear; there is nothing to meet"});
-    for (const std::string& note : checker.notes()) findings.push_back({Level::kNote, spec.name + ": " + note});
+    signals.signals.push_back({spec.name + ".q_d", "", signals.columns.size(), n});
+    signals.columns.resize(signals.columns.size() + n);
   }
-  if (findings.empty())
-    findings.push_back({Level::kWarning, "no unit:motion of joints, so nothing was checked for collisions"});
+  const Stage stage = stage_of(scenario, signals, units(), folders);
+  const std::vector<Standing> robots = stand(stage, movers, bases);
+  std::string places;
+  for (const Standing& one : robots) {
+    const Eigen::Vector3d& p = one.X_WB.p;
+    const std::string at = text::to_text(p.x(), 4) + " " + text::to_text(p.y(), 4) + " " + text::to_text(p.z(), 4);
+    if (!one.placed_by.empty() || one.mover != nullptr)
+      text::append(places,
+                   one.name + " at (" + at + ") m" + (one.placed_by.empty() ? ", no place is given" : " by " + one.placed_by),
+                   "; ");
+  }
+  if (!places.empty()) notes.push_back("bases: " + places);
+  if (!floating.empty()) notes.push_back("bases that move are taken to stay where they start: " + floating);
+  const double until = std::min(scenario.stop.seconds(), scenario.start.seconds() + kLongest);
+  if (until < scenario.stop.seconds()) notes.push_back("motions that loop are checked for an hour");
+  std::vector<fmu::Finding> findings;
+  for (const std::string& what : notes) findings.push_back({Level::kNote, what});
+  if (movers.empty()) findings.push_back({Level::kWarning, "no unit:motion of joints, so nothing was checked for collisions"});
+  for (const Mover& mover : movers) std::ranges::move(judge(mover, robots, stage, scene, until), std::back_inserter(findings));
   return findings;
 }
 

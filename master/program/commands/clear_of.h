@@ -2,6 +2,7 @@
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "fmu/check/check.h"
@@ -11,14 +12,19 @@
 namespace cotwin::master {
 
 /// The scene at a path, or scenes/NAME/scene.sdf of the model folders; "": an empty one. With a floor at that height, m, the solid below it.
-/// Throws Error.
-scene::Scene scene_with(const std::string& name, std::optional<double> floor);
+/// `notes`: what its reader warns of. Throws Error.
+scene::Scene scene_with(const std::string& name, std::optional<double> floor, std::vector<std::string>& notes);
+
+/// "NAME: x y z roll pitch yaw" in m and rad, the angles and "NAME:" optional, as a name and the pose of a base. Throws Error.
+std::pair<std::string, Pose> read_base(const std::string& text);
 
 /// Quintics through samples of q, q̇, q̈ (n each, row by row) at times.
 trajectory::Path path_of(std::size_t joints, const std::vector<double>& t, const std::vector<double>& rows);
 
 /// What the desired motions of the joints in a scenario come near to: a note for each unit:motion that keeps clear, an error with the leg between
-/// two waypoints for one that does not. Robots stand where contact worlds and monitors of the scenario have them. Throws Error.
-std::vector<fmu::Finding> check_clear(const std::filesystem::path& scenario, const std::string& scene);
+/// two waypoints for one that does not. Robots carry the tools that events of the scenario mount, and meet the other robots, each in its own motion.
+/// They stand where contact worlds and monitors of the scenario, or `bases` (texts for read_base()), have them. Throws Error.
+std::vector<fmu::Finding> check_clear(const std::filesystem::path& scenario, const std::string& scene,
+                                      const std::vector<std::string>& bases);
 
 }  // namespace cotwin::master

@@ -8,6 +8,7 @@
 #include <optional>
 #include <thread>
 
+#include "master/engine/tools.h"
 #include "master/program/commands/clear_of.h"
 #include "master/program/commands/commands.h"
 #include "master/program/interrupt.h"
@@ -36,7 +37,9 @@ struct ExciteArguments {
   double rate = 250;  // Hz
   int periods = 1, threads = 1;
   bool quiet = false;
-  std::string clear_of;         // scene
+  std::string clear_of;  // scene
+  std::string base;      // as for read_base(); "": at the scene's origin
+  std::vector<std::string> attach;
   std::optional<double> floor;  // m
   bool checked() const { return floor || !clear_of.empty(); }
 };
@@ -104,16 +107,20 @@ trajectory::Path path_of(const excitation::FourierSeries& series, std::vector<do
   return master::path_of(series.joints, t, rows);
 }
 
-/// Cuts the ranges of the joints that move a link relative to what it met, on the side on which they are then, by a third of what the motion uses
-/// from its middle.
-void cut_ranges(const robot::RobotModel& robot, const std::vector<double>& rows, const trajectory::Path& path,
-                const clearance::Nearest& met, excitation::DesignOptions& design) {
+/// Cuts the ranges of the joints that move a link or tool relative to what it met, on the side on which they are then, by a third of what the motion
+/// uses from its middle.
+void cut_ranges(const robot::RobotModel& robot, const std::vector<clearance::Tool>& tools, const std::vector<double>& rows,
+                const trajectory::Path& path, const clearance::Nearest& met, excitation::DesignOptions& design) {
   const std::size_t n = robot.joints.size();
   std::vector<double> q(n), dq(n), ddq(n);
   path.at(met.t, q, dq, ddq);
   const auto moves = [&](std::size_t joint, const std::string& name) {
-    const auto link = std::ranges::find(robot.bodies, name, &robot::Body::name);
-    return link != robot.bodies.end() && robot.moves(static_cast<int>(joint), static_cast<int>(link - robot.bodies.begin()));
+    const auto tool = std::ranges::find(tools, name, &clearance::Tool::name);
+    const auto body = std::ranges::find(robot.bodies, name, &robot::Body::name);
+    const int link = tool != tools.end()          ? tool->link
+                     : body != robot.bodies.end() ? static_cast<int>(body - robot.bodies.begin())
+                                                  : -1;
+    return link >= 0 && robot.moves(static_cast<int>(joint), link);
   };
   for (std::size_t j = 0; j < n; ++j) {
     if (moves(j, met.link) == moves(j, met.other)) continue;
@@ -128,13 +135,23 @@ void cut_ranges(const robot::RobotModel& robot, const std::vector<double>& rows,
   }
 }
 
-/// A motion that keeps clear, if one is found. `told`: what each search met.
-std::optional<excitation::Design> design_clear(const robot::RobotModel& robot, const fs::path& urdf, ExciteArguments& a,
+/// A motion that keeps clear, if one is found; tells what each search met.
+std::optional<excitation::Design> design_clear(const robot::RobotModel& robot, const fs::path& urdf,
+                                               const std::vector<clearance::Tool>& tools, ExciteArguments& a,
                                                const std::function<excitation::Design()>& search) {
   constexpr int kMostSearches = 20;
-  clearance::Stand stand{{"", robot, scene::hulls_of_urdf(urdf, robot)}, {}};
-  clearance::Checker checker(scene_with(a.clear_of, a.floor), {std::move(stand)}, {0, true, {}});
-  for (const std::string& note : checker.notes()) std::cerr << "warning: " << note << '\n';
+  std::vector<std::string> notes;
+  clearance::Stand stand{{"", robot, scene::hulls_of_urdf(urdf, robot)}, {}, tools};
+  if (!a.base.empty()) {
+    const auto [name, X_WB] = read_base(a.base);
+    if (!name.empty() && name != robot.name) throw Error("--base", "'" + a.base + "' is for another robot than " + robot.name);
+    stand.X_WB = X_WB;
+  } else if (!a.clear_of.empty()) {
+    notes.push_back("the robot's base is taken to be at the scene's origin; --base says otherwise");
+  }
+  clearance::Checker checker(scene_with(a.clear_of, a.floor, notes), {std::move(stand)}, {0, true, {}});
+  notes.insert(notes.end(), checker.notes().begin(), checker.notes().end());
+  for (const std::string& note : notes) std::cerr << "warning: " << note << '\n';
   a.design.q_min.resize(robot.joints.size(), -scene::kInfinity);
   a.design.q_max.resize(robot.joints.size(), scene::kInfinity);
   for (std::size_t j = 0; j < robot.joints.size(); ++j) {
@@ -162,7 +179,7 @@ std::optional<excitation::Design> design_clear(const robot::RobotModel& robot, c
     if (met.t == 0 && last.t == 0 && met.link == last.link && met.other == last.other && std::abs(met.d - last.d) < kSame)
       throw Error("--clear-of", met.link + " meets " + met.other + " in every posture, expected another place of it");
     last = met;
-    cut_ranges(robot, rows, motion.path, met, a.design);
+    cut_ranges(robot, tools, rows, motion.path, met, a.design);
   }
   return {};
 }
@@ -170,7 +187,15 @@ std::optional<excitation::Design> design_clear(const robot::RobotModel& robot, c
 int excite(ExciteArguments& a) {
   std::vector<std::string> warnings;
   const fs::path urdf = urdf_of(a.robot);
-  const robot::RobotModel robot = robot::load_urdf(urdf, {robot::Unphysical::kWarn, ""}, &warnings);
+  robot::RobotModel robot = robot::load_urdf(urdf, {robot::Unphysical::kWarn, ""}, &warnings);
+  std::vector<clearance::Tool> tools;
+  for (const std::string& text : a.attach) {
+    const ToolSpec tool = parse_tool(text);
+    robot::attach(robot, attachment(tool));
+    const robot::Frame& frame = robot.frame(tool.name);
+    tools.push_back({tool.name, frame.body, {}});
+    if (!tool.shapes.empty()) tools.back().shapes = scene::shapes_of_tool(tool.shapes, frame.X_BF, &warnings);
+  }
   a.design.criterion = text::choose<excitation::Criterion>(
       "--criterion", a.criterion,
       {{"condition", excitation::Criterion::kCondition}, {"determinant", excitation::Criterion::kDeterminant}});
@@ -189,7 +214,7 @@ int excite(ExciteArguments& a) {
     line.clear();
     return found;
   };
-  const std::optional<excitation::Design> found = a.checked() ? design_clear(robot, urdf, a, search) : search();
+  const std::optional<excitation::Design> found = a.checked() ? design_clear(robot, urdf, tools, a, search) : search();
   if (!found)
     throw Error("--clear-of",
                 "no motion was found that keeps clear, expected other limits (--q-min, --q-max) or another place");
@@ -241,10 +266,16 @@ void add_excite(CLI::App& app, Chosen& chosen) {
       ->add_option(
           "--clear-of", a.clear_of,
           "Scene (SDF file, or name of a scene) that the motion keeps clear of, and of the robot itself: the search is "
-          "repeated with smaller ranges of the joints; the robot's base is at the scene's origin")
+          "repeated with smaller ranges of the joints")
       ->type_name("SCENE");
-  command->add_option("--floor", a.floor, "Height of a floor below the robot's base that the motion keeps clear of, m")
+  command
+      ->add_option("--floor", a.floor,
+                   "Height of a floor in the scene, below the robot's base, that the motion keeps clear of, m")
       ->type_name("Z");
+  command->add_option("--base", a.base, "Where the robot's base is in the scene, m and rad (default: at its origin)")
+      ->type_name("'X Y Z [ROLL PITCH YAW]'");
+  command->add_option("--attach", a.attach, "A tool that the robot carries, as in `cotwin tool attach`; may be repeated")
+      ->type_name("NAME,ITEM=VALUE");
   command->add_option("--criterion", a.criterion, "condition (minimise) or determinant (maximise)")->capture_default_str();
   command->add_option("--seed", a.design.seed, "Seed; equal seeds give equal bits")->capture_default_str()->type_name("N");
   command->add_option("--rounds", a.design.rounds, "Rounds of the particle swarm")->capture_default_str()->type_name("N");

@@ -27,12 +27,12 @@ int info(const fs::path& file) {
   return kExitDone;
 }
 
-int check(const fs::path& file, const std::string& scene) {
+int check(const fs::path& file, const std::string& scene, const std::vector<std::string>& bases) {
   auto findings = is_fmu(file) ? fmu::check_fmu(file, true) : check_scenario(file, units(), model_folders(file.parent_path()));
   if (!scene.empty()) {
     if (is_fmu(file)) throw Error("--clear-of", "is given with an FMU, expected a scenario");
     const bool wrong = std::ranges::any_of(findings, [](const auto& one) { return one.level == fmu::Finding::Level::kError; });
-    if (!wrong) std::ranges::move(check_clear(file, scene), std::back_inserter(findings));
+    if (!wrong) std::ranges::move(check_clear(file, scene, bases), std::back_inserter(findings));
     std::ranges::stable_sort(findings, {}, &fmu::Finding::level);
   }
   return fmu::write_findings(std::cout, findings) ? kExitDone : kExitBadInput;
@@ -43,6 +43,7 @@ int check(const fs::path& file, const std::string& scene) {
 void add_inspection(CLI::App& app, Chosen& chosen) {
   const auto file = std::make_shared<fs::path>();
   const auto scene = std::make_shared<std::string>();
+  const auto bases = std::make_shared<std::vector<std::string>>();
   const auto add = [&](const char* name, const char* description, const std::function<int()>& action) {
     CLI::App* command = app.add_subcommand(name, description);
     command->add_option("FILE", *file, "FMU (.fmu, or unpacked), system structure (.ssd) or package (.ssp)")
@@ -52,13 +53,22 @@ void add_inspection(CLI::App& app, Chosen& chosen) {
     return command;
   };
   add("info", "Show a summary of an FMU or a scenario", [file] { return info(*file); });
-  add("check", "List all errors and warnings of an FMU or a scenario; exit code 2 if there is an error",
-      [file, scene] { return check(*file, *scene); })
+  CLI::App* checked = add("check", "List all errors and warnings of an FMU or a scenario; exit code 2 if there is an error",
+                          [file, scene, bases] { return check(*file, *scene, *bases); });
+  CLI::Option* clear_of =
+      checked
+          ->add_option(
+              "--clear-of", *scene,
+              "Also whether the desired motions of joints keep clear of this scene (SDF file, or name of a scene), of the "
+              "other robots and of the robot itself, with the tools that it carries then")
+          ->type_name("SCENE");
+  checked
       ->add_option(
-          "--clear-of", *scene,
-          "Also whether the desired motions of joints keep clear of this scene (SDF file, or name of a scene) and of the "
-          "robot itself; robots stand where contact worlds and monitors of the scenario have them")
-      ->type_name("SCENE");
+          "--base", *bases,
+          "Where a robot stands in that scene, m and rad; without it where contact worlds and monitors of the scenario "
+          "have it; may be repeated")
+      ->needs(clear_of)
+      ->type_name("'NAME: X Y Z [ROLL PITCH YAW]'");
 }
 
 }  // namespace cotwin::master

@@ -11,6 +11,7 @@
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/file.h"
 #include "models/foundation/support/text.h"
+#include "models/robot/urdf/urdf.h"
 #include "models/scene/mesh.h"
 #include "models/scene/urdf/urdf_geometry.h"
 
@@ -151,6 +152,14 @@ std::vector<std::vector<Shape>> hulls_of_urdf(const fs::path& file, const robot:
   const fs::path hulls =
       file.parent_path() / (file.filename() == "robot.urdf" ? "hulls.urdf" : file.stem().string() + "_hulls.urdf");
   return fs::exists(hulls) ? shapes_of({hulls, file}, robot, warnings) : shapes_of({file}, robot, warnings);
+}
+
+std::vector<Shape> shapes_of_tool(const fs::path& file, const Pose& X_BA, std::vector<std::string>* warnings) {
+  const robot::RobotModel tool = robot::load_urdf(file);
+  if (!tool.bodies.empty()) throw Error(file.string(), "has joints that move, expected a tool whose joints are fixed");
+  std::vector<Shape> shapes = shapes_of_urdf(file, tool, warnings).front();
+  for (Shape& shape : shapes) shape.X_BS = X_BA * shape.X_BS;
+  return shapes;
 }
 
 }  // namespace cotwin::scene

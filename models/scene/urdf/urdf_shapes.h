@@ -22,4 +22,9 @@ std::vector<std::vector<Shape>> shapes_of_urdf(const std::filesystem::path& file
 std::vector<std::vector<Shape>> hulls_of_urdf(const std::filesystem::path& file, const robot::RobotModel& robot,
                                               std::vector<std::string>* warnings = nullptr);
 
+/// The <collision> shapes of a tool whose joints are all fixed, with its root link at X_BA of the body that carries it. Throws Error as
+/// shapes_of_urdf(), and for a tool with joints that move.
+std::vector<Shape> shapes_of_tool(const std::filesystem::path& file, const Pose& X_BA,
+                                  std::vector<std::string>* warnings = nullptr);
+
 }  // namespace cotwin::scene

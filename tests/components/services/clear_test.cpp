@@ -106,6 +106,67 @@ TEST_F(ClearOfScenes, KnowOtherRobotsAtTheirPlacesAndTimes) {
   EXPECT_EQ(early["nearest"]["obstacle"].get<std::string>().substr(0, 6), "right/");
 }
 
+// A bar of 1.2 m reaches the post, which the links alone pass at 0.5 m and more.
+TEST_F(ClearOfScenes, KnowToolsOfTheRobotAndOfOthers) {
+  const json away{{"scene", "post"}, {"base", {{"p_m", {0, -0.6, 0}}}}};
+  const auto with = [](json clear_of, json tool) {
+    clear_of["tools"] = {tool};
+    return json{{"clear_of", clear_of}};
+  };
+  const json bar{{"name", "bar"}, {"frame", "link_7"}, {"p_m", {0, 0, 0.7}}, {"box_m", {0.05, 0.05, 1.2}}};
+  EXPECT_EQ(ask({{"clear_of", away}})["clear_of"]["clear"], true);
+  const json met = ask(with(away, bar));
+  EXPECT_EQ(met["clear_of"]["clear"], false);
+  EXPECT_EQ(met["clear_of"]["nearest"]["link"], "bar");
+  EXPECT_THAT(met["reason"].get<std::string>(), HasSubstr("bar meets post at "));
+  json ignored = away;
+  ignored["ignore"] = {"bar:post"};
+  EXPECT_EQ(ask(with(ignored, bar))["clear_of"]["clear"], true);
+  // The same tool from a file, where paths are allowed.
+  folder_.write(
+      "bar.urdf",
+      "<robot name=\"bar\"><link name=\"bar\"><collision><geometry><box size=\"0.05 0.05 1.2\"/></geometry></collision>"
+      "</link></robot>");
+  json file = bar;
+  file.erase("box_m");
+  file["urdf"] = (folder_ / "bar.urdf").string();
+  Robots local({places::source() + "/models/robots", (folder_ / "robots").string()}, "", true);
+  json request{{"service", "feasibility"},
+               {"robot", "lwr4"},
+               {"from_q_rad", {0, -1.2, 0, 0.9, 0, -0.3, 0}},
+               {"to_q_rad", {1.2, -1.2, 0, 0.9, 0, -0.3, 0}},
+               {"T_s", 2}};
+  request.update(with(away, file));
+  EXPECT_EQ(json::parse(answer(local, request.dump()))["clear_of"], met["clear_of"]);
+  // Another robot carries it; the robot itself meets its own.
+  json right{{"robot", "lwr4"},
+             {"base", {{"p_m", {1.9, 0, 0}}, {"quaternion_wxyz", {0, 0, 0, 1}}}},
+             {"q_rad", {0, -1.2, 0, 0.9, 0, -0.3, 0}}};
+  EXPECT_EQ(ask({{"clear_of", {{"robots", {right}}}}})["clear_of"]["clear"], true);
+  right["tools"] = {bar};
+  EXPECT_EQ(ask({{"clear_of", {{"robots", {right}}}}})["clear_of"]["nearest"]["obstacle"], "lwr4/bar");
+  json back = bar;
+  back["p_m"] = {0, 0, -0.6};
+  EXPECT_EQ(ask(with({{"self", true}}, back))["clear_of"]["clear"], false);
+  EXPECT_EQ(ask(with({{"self", true}, {"scene", "empty"}}, bar))["clear_of"]["clear"], true);
+  // Bad input.
+  const auto refused = [&](const json& change) {
+    json tool = bar;
+    tool.update(change);
+    return error_of([&] { ask(with(away, tool)); });
+  };
+  EXPECT_THAT(refused({{"frame", "link_8"}}), HasSubstr("/clear_of/tools/0/frame: robot 'lwr4' has no frame 'link_8'"));
+  EXPECT_THAT(refused({{"urdf", "x.urdf"}}), HasSubstr("/clear_of/tools/0/urdf: is given beside box_m"));
+  EXPECT_THAT(refused({{"box_m", {1, 0, 1}}}), HasSubstr("/clear_of/tools/0/box_m: has an edge of 0 or less"));
+  EXPECT_THAT(refused({{"name", "link_3"}}), HasSubstr("/clear_of/tools/0/name: 'link_3' is there twice"));
+  EXPECT_THAT(refused({{"mass", 1}}), HasSubstr("/clear_of/tools/0"));
+  EXPECT_THAT(error_of([&] { ask(with(away, file)); }), HasSubstr("/clear_of/tools/0/urdf: tool: is a path to a URDF"));
+  json neither = bar;
+  neither.erase("box_m");
+  EXPECT_THAT(error_of([&] { ask(with(away, neither)); }), HasSubstr("/clear_of/tools/0/urdf: and box_m are missing"));
+  EXPECT_THAT(refusal({{"scene", "post"}, {"tools", 3}}), HasSubstr("/clear_of/tools: is no array"));
+}
+
 // A ball where the cheapest motion has the tip half way.
 TEST_F(ClearOfScenes, FindMotionsAroundAnObstacle) {
   json search{{"T_min_s", 2}, {"T_max_s", 2.5}, {"degree", 7}, {"particles", 24}, {"rounds", 40}, {"cost", "torque"}};

@@ -266,6 +266,78 @@ TEST(Clearance, TellsWhatItCannotAnswerAndWhatItLeavesOut) {
   EXPECT_EQ(alone.nearest.d, scene::kInfinity);
 }
 
+// A ball of 0.1 m, 0.5 m beyond the hand, which passes a post at 90 degrees on the way from 0 to 2 rad.
+TEST(Tools, CountWhileTheyAreThere) {
+  scene::Scene scene;
+  scene.bodies = {body("post", shape(ShapeType::kSphere, {0.1, 0, 0}), {0, 1.5, 0})};
+  const Motion motion = go({0, 0}, {2, 0}, 1);
+  const auto with = [&](double from, double until) {
+    Stand stand = arm("");
+    stand.tools = {{"rod", 1, {shape(ShapeType::kSphere, {0.1, 0, 0}, {1.5, 0, 0})}, from, until}};
+    return Checker(scene, {stand}, {}).check({&motion, 1});
+  };
+  const double contact = std::numbers::pi / 2 - 2 * std::asin(0.2 / 3), leaves = std::numbers::pi - contact;
+  const auto time_of = [&](double angle) {
+    double low = 0, high = 1;
+    while (high - low > 1e-12) (at(motion, (low + high) / 2)[0] < angle ? low : high) = (low + high) / 2;
+    return low;
+  };
+  const Verdict always = with(-scene::kInfinity, scene::kInfinity);
+  ASSERT_FALSE(always.clear);
+  EXPECT_EQ(always.nearest.link, "rod");
+  EXPECT_EQ(always.nearest.other, "post");
+  EXPECT_NEAR(always.nearest.t, time_of(contact), 1e-5);
+  EXPECT_EQ(with(-1, 0.9).nearest.link, "rod");
+  // Gone before, come after, or never there.
+  for (const auto& [from, until] :
+       {std::pair{0.0, time_of(contact) - 1e-3}, {time_of(leaves) + 1e-3, 2.0}, {-2.0, -1.0}, {3.0, 2.0}}) {
+    const Verdict clear = with(from, until);
+    EXPECT_TRUE(clear.clear) << from << " to " << until << ": " << clear.nearest.t;
+    EXPECT_LE(clear.nearest.d, 0.3 + 1e-3) << "the hand is 0.5 m from the post, less the radii";
+  }
+  // It comes or goes while it overlaps, or comes after the motion's end.
+  const double middle = time_of(std::numbers::pi / 2);
+  EXPECT_NEAR(with(middle, 2).nearest.t, middle, 1e-9);
+  EXPECT_NEAR(with(middle, 2).nearest.d, -0.2, 1e-9);
+  EXPECT_NEAR(with(0, middle).nearest.t, time_of(contact), 1e-5);
+  const Motion stays{{}, {std::numbers::pi / 2, 0}};
+  Stand late = arm("");
+  late.tools = {{"rod", 1, {shape(ShapeType::kSphere, {0.1, 0, 0}, {1.5, 0, 0})}, 7, 9}};
+  const Verdict met = Checker(scene, {late}, {}).check({&stays, 1});
+  EXPECT_FALSE(met.clear);
+  EXPECT_EQ(met.nearest.t, 7);
+}
+
+TEST(Tools, OfARobotMeetItsOtherLinksAndThoseOfOthers) {
+  // The shaft has a ball at x = 0.3; a tool of the hand reaches back to it, or one of the shaft to the hand.
+  Stand stand = arm("");
+  stand.robot.shapes[1] = {shape(ShapeType::kSphere, {0.05, 0, 0}, {0.3, 0, 0})};
+  const Motion rests{{}, {0, 0}};
+  const auto meets = [&](const Tool& tool, std::vector<std::string> ignore = {}, bool self = true) {
+    stand.tools = {tool};
+    const Verdict verdict = Checker({}, {stand}, {0, self, ignore}).check({&rests, 1});
+    return verdict.clear ? "" : verdict.nearest.link + " " + verdict.nearest.other;
+  };
+  const Tool back{"a::b c", 1, {shape(ShapeType::kBox, {0.8, 0.02, 0.02}, {0.6, 0, 0})}};
+  EXPECT_EQ(meets(back), "shaft a::b c") << "a neighbour of the link that carries it counts, the link itself does not";
+  EXPECT_EQ(meets(back, {}, false), "");
+  EXPECT_EQ(meets(back, {"shaft:a::b c"}), "");
+  EXPECT_EQ(meets(back, {" a::b c : shaft "}), "");
+  EXPECT_EQ(meets({"rod", 0, {shape(ShapeType::kBox, {1, 0.02, 0.02}, {0.5, 0, 0})}}), "hand rod");
+  EXPECT_EQ(meets({"lamp", -1, {shape(ShapeType::kBox, {0.1, 0.1, 2}, {1, 0, 0})}}), "hand lamp");
+  EXPECT_THAT(error_of([&] { meets(back, {"shaft:a:b c"}); }), HasSubstr("'a:b c' is no link and no body"));
+  // Of another robot, also while this one rests.
+  Stand other = arm("right", {3, 0, 0});
+  other.tools = {{"rod", 1, {shape(ShapeType::kBox, {2, 0.1, 0.1}, {1, 0, 0})}}};
+  stand.tools.clear();
+  const Motion motions[] = {go({0, 0}, {0.1, 0}, 1), go({1, 0}, {std::numbers::pi, 0}, 1)};
+  const Verdict verdict = Checker({}, {stand, other}, {}).check(motions);
+  EXPECT_FALSE(verdict.clear);
+  EXPECT_EQ(verdict.nearest.other, "right/rod");
+  Checker bare({}, {stand, arm("x", {9, 0, 0})}, {});
+  EXPECT_TRUE(bare.check(motions).clear);
+}
+
 // Ends of a motion count: it starts or ends in the obstacle.
 TEST(Clearance, CountsBothEnds) {
   scene::Scene scene;
