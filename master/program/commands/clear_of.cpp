@@ -124,23 +124,37 @@ struct Standing {
   Pose X_WB;
 };
 
-/// The robots of a stage, at the places of contact worlds and monitors, or those given.
+/// The robot that a motion moves, one with a place if there are several: its twins do the same. nullptr: none is known.
+template <class Robots>
+auto moved_by(const Mover& mover, Robots& robots) {
+  decltype(robots.data()) found = nullptr;
+  for (auto& one : robots) {
+    const bool moves =
+        std::ranges::find(one.robot->tracks, mover.name + ".q_d", &StagedTrack::signal) != one.robot->tracks.end();
+    if (moves && (found == nullptr || (found->placed_by.empty() && !one.placed_by.empty()))) found = &one;
+  }
+  return found;
+}
+
+/// The robots of a stage, at the places of contact worlds and monitors, or those given. Those that a motion moves have its name.
 std::vector<Standing> stand(const Stage& stage, const std::vector<Mover>& movers, const std::vector<std::string>& bases) {
   std::vector<Standing> robots;
-  std::vector<std::string> names;
   for (const StagedRobot& robot : stage.robots) {
-    Standing one{&robot, nullptr, robot.name, "", {}};
-    for (const StagedTrack& track : robot.tracks) {
-      const auto found = std::ranges::find_if(movers, [&](const Mover& mover) { return mover.name + ".q_d" == track.signal; });
-      if (found != movers.end() && one.mover == nullptr) one.mover = &*found, one.name = found->name;
-    }
+    Standing one{&robot, nullptr, robot.prefixes.front().substr(0, robot.prefixes.front().rfind('.')), "", {}};
     if (robot.in_world) {
       one.X_WB = robot.base.X_WB;
-      one.placed_by = robot.base.p.substr(0, robot.base.p.rfind('.'));
+      one.name = one.placed_by = robot.base.p.substr(0, robot.base.p.rfind('.'));
     }
-    names.push_back(one.name);
+    for (const Mover& mover : movers) {
+      const bool moves = std::ranges::find(robot.tracks, mover.name + ".q_d", &StagedTrack::signal) != robot.tracks.end();
+      if (moves && one.mover == nullptr) one.mover = &mover;
+    }
     robots.push_back(std::move(one));
   }
+  for (const Mover& mover : movers)
+    if (Standing* const own = moved_by(mover, robots); own != nullptr && own->mover == &mover) own->name = mover.name;
+  std::vector<std::string> names;
+  for (const Standing& one : robots) names.push_back(one.name);
   for (const std::string& text : bases) {
     const auto [name, X_WB] = read_base(text);
     const auto found = name.empty() && robots.size() == 1 ? robots.begin() : std::ranges::find(robots, name, &Standing::name);
@@ -157,7 +171,8 @@ std::vector<Standing> stand(const Stage& stage, const std::vector<Mover>& movers
 bool is_twin(const Standing& one, const Standing& other) {
   const std::vector<std::string>&components = one.robot->components, &others = other.robot->components;
   const bool together = std::ranges::find_first_of(components, others) != components.end();
-  return (one.mover != nullptr && one.mover == other.mover) || (one.X_WB == other.X_WB && !together);
+  const bool same_place = one.X_WB == other.X_WB && !one.placed_by.empty() && !other.placed_by.empty();
+  return (one.mover != nullptr && one.mover == other.mover) || (same_place && !together);
 }
 
 clearance::Stand stand_of(const Standing& one, const Stage& stage, const std::string& name, std::vector<std::string>& notes) {
@@ -189,10 +204,8 @@ std::vector<fmu::Finding> judge(const Mover& mover, const std::vector<Standing>&
                                 const scene::Scene& scene, double until) {
   std::vector<fmu::Finding> findings;
   const auto note = [&](const std::string& what) { findings.push_back({Level::kNote, mover.name + ": " + what}); };
-  const auto own = std::ranges::find_if(robots, [&](const Standing& one) {
-    return std::ranges::find(one.robot->tracks, mover.name + ".q_d", &StagedTrack::signal) != one.robot->tracks.end();
-  });
-  if (own == robots.end() || stage.models[own->robot->model].urdf.empty()) {
+  const Standing* const own = moved_by(mover, robots);
+  if (own == nullptr || stage.models[own->robot->model].urdf.empty()) {
     note("not checked for collisions, because its robot is not known");
     return findings;
   }
@@ -202,7 +215,7 @@ std::vector<fmu::Finding> judge(const Mover& mover, const std::vector<Standing>&
   std::string resting, unknown, bare;
   bool slows = mover.slows;
   for (const Standing& other : robots) {
-    if (&other == &*own || is_twin(*own, other) || stage.models[other.robot->model].urdf.empty()) continue;
+    if (&other == own || is_twin(*own, other) || stage.models[other.robot->model].urdf.empty()) continue;
     clearance::Stand there = stand_of(other, stage, other.name, notes);
     if (own->placed_by.empty() || other.placed_by.empty()) {
       text::append(unknown, other.name);
@@ -245,6 +258,7 @@ std::vector<fmu::Finding> check_clear(const fs::path& file, const std::string& n
   std::vector<Mover> movers;
   Recorded signals;  // the places of robots are those that the page has
   std::string floating;
+  bool poses = false;
   for (const ComponentSpec& spec : scenario.components) {
     if (!is_unit(spec)) continue;
     if (spec.source.find("base=floating") != std::string::npos) text::append(floating, spec.name);
@@ -252,6 +266,7 @@ std::vector<fmu::Finding> check_clear(const fs::path& file, const std::string& n
     Member member = load_member(spec, scenario, units(), folders, fmus);
     apply(start_values(scenario, member), member.variables());
     if (member.variables().find("q_d") == nullptr) {
+      poses = true;
       notes.push_back(spec.name + ": not checked for collisions, because its motion is one of poses");
       continue;
     }
@@ -277,7 +292,7 @@ std::vector<fmu::Finding> check_clear(const fs::path& file, const std::string& n
   if (until < scenario.stop.seconds()) notes.push_back("motions that loop are checked for an hour");
   std::vector<fmu::Finding> findings;
   for (const std::string& what : notes) findings.push_back({Level::kNote, what});
-  if (movers.empty()) findings.push_back({Level::kWarning, "no unit:motion of joints, so nothing was checked for collisions"});
+  if (movers.empty() && !poses) findings.push_back({Level::kWarning, "no unit:motion of joints, so nothing was checked for collisions"});
   for (const Mover& mover : movers) std::ranges::move(judge(mover, robots, stage, scene, until), std::back_inserter(findings));
   return findings;
 }

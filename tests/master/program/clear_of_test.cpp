@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <filesystem>
 #include <fstream>
 #include <sstream>
@@ -43,6 +44,191 @@ TEST(CheckClearOf, NamesTheLegTheLinkAndTheTime) {
               ::testing::ContainsRegex("error: left: link_[3-7] meets box at [01]\\.[0-9]+ s, between waypoints 1 and 2"));
   EXPECT_THAT(near.out, HasSubstr("note: right: clear"));
   EXPECT_THAT(run_program({"check", cell, "--clear-of", "nowhere"}).err, HasSubstr("scene 'nowhere': is neither a file nor"));
+}
+
+/// A block of 3 m with a dent on top: closed and concave.
+std::string block(const std::string& name) {
+  const std::vector<std::array<double, 3>> v{{-1.5, -1.5, -1}, {1.5, -1.5, -1}, {1.5, 1.5, -1},
+                                             {-1.5, 1.5, -1},  {-1.5, -1.5, 2}, {1.5, -1.5, 2},
+                                             {1.5, 1.5, 2},    {-1.5, 1.5, 2},  {0, 0, 1.8}};
+  std::string stl = "solid " + name + "\n";
+  for (const auto& t : std::vector<std::array<std::size_t, 3>>{{0, 2, 1},
+                                                               {0, 3, 2},
+                                                               {4, 5, 8},
+                                                               {5, 6, 8},
+                                                               {6, 7, 8},
+                                                               {7, 4, 8},
+                                                               {0, 1, 5},
+                                                               {0, 5, 4},
+                                                               {1, 2, 6},
+                                                               {1, 6, 5},
+                                                               {2, 3, 7},
+                                                               {2, 7, 6},
+                                                               {3, 0, 4},
+                                                               {3, 4, 7}}) {
+    stl += "facet normal 0 0 0\nouter loop\n";
+    for (const std::size_t k : t)
+      stl += "vertex " + std::to_string(v[k][0]) + " " + std::to_string(v[k][1]) + " " + std::to_string(v[k][2]) + "\n";
+    stl += "endloop\nendfacet\n";
+  }
+  return stl + "endsolid " + name + "\n";
+}
+
+/// Two UR5e that a monitor watches, the right one turned towards the left one.
+class TwoRobots : public ::testing::Test {
+ protected:
+  TwoRobots() {
+    folder_.write("rod.urdf",
+                  "<robot name=\"rod\"><link name=\"rod\"><inertial><mass value=\"0.2\"/><inertia ixx=\"1e-3\" iyy=\"1e-3\" "
+                  "izz=\"1e-3\" ixy=\"0\" ixz=\"0\" iyz=\"0\"/></inertial><collision><origin xyz=\"0 0 0.35\"/><geometry><box "
+                  "size=\"0.04 0.04 0.6\"/></geometry></collision></link></robot>");
+    folder_.write("block.stl", block("block"));
+    folder_.write("far.sdf", box("0 9 0.5"));
+    folder_.write(
+        "block.sdf",
+        "<sdf version=\"1.11\"><world name=\"w\"><model name=\"block\"><static>true</static><link name=\"block\">"
+        "<collision name=\"c\"><geometry><mesh><uri>block.stl</uri></mesh></geometry></collision></link></model></world>"
+        "</sdf>");
+  }
+  void write(const std::string& place_of_right, const std::string& events, const std::string& scene = "far.sdf") {
+    const auto component = [](const std::string& name, const std::string& source,
+                              const std::vector<std::array<std::string, 2>>& values) {
+      std::string text =
+          "<ssd:Component name=\"" + name + "\" source=\"unit:" + source +
+          "\" type=\"application/x-cotwin-unit\"><ssd:ParameterBindings><ssd:ParameterBinding><ssd:ParameterValues>"
+          "<ssv:ParameterSet version=\"1.0\" name=\"p\"><ssv:Parameters>";
+      for (const auto& [parameter, value] : values)
+        text += "<ssv:Parameter name=\"" + parameter + "\"><ssv:String value=\"" + value + "\"/></ssv:Parameter>";
+      return text +
+             "</ssv:Parameters></ssv:ParameterSet></ssd:ParameterValues></ssd:ParameterBinding></ssd:ParameterBindings>"
+             "</ssd:Component>";
+    };
+    std::string connections;
+    const auto connect = [&](const std::string& from, const std::string& source, const std::string& to,
+                             const std::string& target) {
+      connections += "<ssd:Connection startElement=\"" + from + "\" startConnector=\"" + source + "\" endElement=\"" + to +
+                     "\" endConnector=\"" + target + "\"/>";
+    };
+    for (const char* name : {"q_d", "dq_d", "ddq_d"}) connect("l", name, "control", name);
+    for (const char* name : {"q", "dq", "theta", "dtheta"}) connect("drive", name, "control", name);
+    connect("control", "tau_m", "drive", "tau_m");
+    for (const std::string name : {"q", "dq"}) {
+      connect("drive", name, "mon", "l." + name);
+      connect("r", name + "_d", "mon", "r." + name);
+    }
+    folder_.write(
+        "cell.ssd",
+        "<?xml version=\"1.0\" encoding=\"UTF-8\"?><ssd:SystemStructureDescription version=\"1.0\" name=\"cell\" "
+        "xmlns:ssd=\"http://ssp-standard.org/SSP1/SystemStructureDescription\" "
+        "xmlns:ssc=\"http://ssp-standard.org/SSP1/SystemStructureCommon\" "
+        "xmlns:ssv=\"http://ssp-standard.org/SSP1/SystemStructureParameterValues\"><ssd:System name=\"cell\"><ssd:Elements>" +
+            component("l", "motion?robot=ur5e&amp;points=2",
+                      {{"waypoint_t", "0 2"}, {"waypoint_q", "0 -1.5 1.5 -1.5 -1.5 0 0 -0.4 0.5 -1.5 -1.5 0"}}) +
+            component("r", "motion?robot=ur5e&amp;points=2",
+                      {{"waypoint_t", "0 2.4"}, {"waypoint_q", "3.1 -1.5 1.5 -1.5 -1.5 0 3.1 -0.5 0.4 -1.5 -1.5 0"}}) +
+            component("control", "compliance?robot=ur5e", {}) +
+            component("drive", "drive_train?robot=ur5e", {{"q0", "0 -1.5 1.5 -1.5 -1.5 0"}}) +
+            component("mon", "monitor?robots=l:ur5e,r:ur5e", {{"r.base_p0", place_of_right}}) +
+            "</ssd:Elements><ssd:Connections>" + connections +
+            "</ssd:Connections></ssd:System><ssd:DefaultExperiment startTime=\"0\" stopTime=\"3\"/><ssd:Annotations>"
+            "<ssc:Annotation type=\"cotwin.master\"><cotwin:Master xmlns:cotwin=\"urn:cotwin:master:1\" tick=\"1 ms\">"
+            "<cotwin:Setting name=\"scene\" value=\"" +
+            scene +
+            "\"/><cotwin:Component name=\"l\" stage=\"0\"/>"
+            "<cotwin:Component name=\"r\" stage=\"0\"/><cotwin:Component name=\"control\" stage=\"1\"/>"
+            "<cotwin:Component name=\"drive\" stage=\"2\"/><cotwin:Component name=\"mon\" stage=\"3\"/>" +
+            events +
+            "<cotwin:Recording decimation=\"1\"><cotwin:Record "
+            "variables=\"mon.l.distance\"/></cotwin:Recording></cotwin:Master>"
+            "</ssc:Annotation></ssd:Annotations></ssd:SystemStructureDescription>");
+  }
+  RunResult check(std::vector<std::string> more = {}, const std::string& scene = "far.sdf") {
+    std::vector<std::string> command{"check", folder_ / "cell.ssd", "--clear-of", folder_ / scene};
+    command.insert(command.end(), more.begin(), more.end());
+    return run_program(command);
+  }
+  /// When the monitor of a run sees the left robot overlap with something for the first time, s; -1: never.
+  double meets_at() {
+    const RunResult run = run_program({"run", folder_ / "cell.ssd", "--out", folder_ / "results", "--quiet"});
+    EXPECT_EQ(run.code, 0) << run.err;
+    std::ifstream in(folder_ / "results/signals.csv");
+    double t = 0, distance = 0;
+    char comma = 0;
+    std::string line;
+    for (std::getline(in, line); in >> t >> comma >> distance;)
+      if (distance < 0) return t;
+    return -1;
+  }
+  static double told(const RunResult& result) {
+    const std::size_t l = result.out.find("error: l: ");
+    if (l == std::string::npos) return -1;
+    return std::stod(result.out.substr(result.out.find(" at ", l) + 4));
+  }
+  cotwin::testing::TemporaryFolder folder_{"two_robots"};
+};
+
+TEST_F(TwoRobots, AreCheckedAgainstEachOtherAndAgreeWithAMonitor) {
+  write("-1.1 0.05 0", "");
+  const RunResult met = check();
+  EXPECT_EQ(met.code, 2);
+  EXPECT_THAT(met.out, ::testing::ContainsRegex(
+                           "error: l: [a-z0-9_]+ meets r/[a-z0-9_]+ at [01]\\.[0-9]+ s, between waypoints 1 and 2"));
+  EXPECT_THAT(met.out, ::testing::ContainsRegex("error: r: [a-z0-9_]+ meets l/[a-z0-9_]+ at "));
+  EXPECT_THAT(met.out, HasSubstr("note: bases: l at (0 0 0) m by mon.l; r at (-1.1 0.05 0) m by mon.r"));
+  EXPECT_NEAR(told(met), meets_at(), 2e-3);
+  // Elsewhere they are clear.
+  const RunResult away = check({"--base", "r: -4 0 0"});
+  EXPECT_EQ(away.code, 0) << away.out;
+  EXPECT_THAT(away.out, ::testing::ContainsRegex("note: l: clear; nearest: [a-z0-9_]+, [0-9.]+ m from r/"));
+  EXPECT_THAT(away.out, HasSubstr("r at (-4 0 0) m by --base"));
+  write("-4 0 0", "");
+  EXPECT_EQ(meets_at(), -1);
+  EXPECT_EQ(check({"--base", "r: -1.1 0.05 0 0 0 0"}).code, 2);
+  EXPECT_THAT(check({"--base", "right: 0 0 0"}).err,
+              HasSubstr("--base: 'right: 0 0 0' names no robot, expected NAME: of l, r"));
+  EXPECT_THAT(check({"--base", "r: 0 0"}).err, HasSubstr("--base: 'r: 0 0', expected x y z"));
+  EXPECT_THAT(check({"--base", "r: 0 0 nan"}).err, HasSubstr("expected x y z"));
+}
+
+TEST_F(TwoRobots, CarryTheToolsOfTheEvents) {
+  const auto attach = [](const std::string& t) {
+    return "<cotwin:Event time=\"" + t +
+           "\" attach=\"rod\" parent=\"wrist_3_link\" file=\"rod.urdf\" components=\"control drive mon.l\"/>";
+  };
+  write("-1.9 0.05 0", "");
+  EXPECT_EQ(check().code, 0) << check().out;
+  EXPECT_EQ(meets_at(), -1);
+  folder_.write("post.sdf", box("-0.82 -0.13 -0.25"));
+  write("-1.9 0.05 0", attach("0.1"), "post.sdf");
+  const RunResult met = check({}, "post.sdf");
+  EXPECT_THAT(met.out, HasSubstr("error: l: rod meets box at "));
+  EXPECT_THAT(met.out, HasSubstr("note: r: clear"));
+  EXPECT_NEAR(told(met), meets_at(), 2e-3);
+  // It goes before, or comes when it already overlaps.
+  write("-1.9 0.05 0", attach("0.1") + "<cotwin:Event time=\"0.2\" detach=\"rod\" components=\"control drive mon.l\"/>",
+        "post.sdf");
+  EXPECT_EQ(check({}, "post.sdf").code, 0) << check({}, "post.sdf").out;
+  write("-1.9 0.05 0", attach("2.5"), "post.sdf");
+  const RunResult late = check({}, "post.sdf");
+  EXPECT_EQ(told(late), 2.5) << late.out;
+  EXPECT_NEAR(meets_at(), 2.5, 2e-3);
+}
+
+TEST_F(TwoRobots, InsideASolidAreNotClear) {
+  write("-4 0 0", "", "block.sdf");
+  const RunResult inside = check({}, "block.sdf");
+  EXPECT_THAT(inside.out, ::testing::ContainsRegex("error: l: [a-z0-9_]+ meets block at 0 s"));
+  EXPECT_THAT(inside.out, HasSubstr("note: r: clear"));
+  EXPECT_EQ(meets_at(), 0);
+  // One triangle is missing: nothing is inside, which is told.
+  std::string hole = block("block");
+  hole.erase(hole.find("facet"), hole.find("endfacet") + 9 - hole.find("facet"));
+  folder_.write("block.stl", hole);
+  const RunResult open = check({}, "block.sdf");
+  EXPECT_EQ(open.code, 0);
+  EXPECT_THAT(open.out, HasSubstr("note: l: not closed, so that nothing counts as inside: block"));
+  EXPECT_THAT(open.out, HasSubstr("block.stl: open: its 13 triangles are a surface, with solid behind it for contacts only"));
+  EXPECT_EQ(meets_at(), -1);
 }
 
 // The monitor sees the same motion, at every millisecond.

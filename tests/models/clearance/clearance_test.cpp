@@ -145,6 +145,47 @@ TEST(Clearance, KnowsWhereTheOtherRobotIsAtThatTime) {
   EXPECT_TRUE(waits.clear) << waits.nearest.t;
 }
 
+// Two hands come towards each other on a line and go back, one in cycles of 1 s, the other in longer ones: first they pass each other by.
+TEST(Clearance, KnowsLoopsThatGetOutOfStep) {
+  using Loop = Motion::Loop;
+  const auto position = [](const Motion& motion, double t) {
+    const double T = motion.period, u = std::max(t - (motion.path.end() - T), 0.0), cycle = std::floor(u / T);
+    if (motion.loop == Loop::kNo || t <= motion.path.end()) return at(motion, t)[1];
+    const bool back = motion.loop == Loop::kThereAndBack && std::fmod(cycle, 2) == 1;
+    return at(motion, motion.path.end() - T + (back ? T - (u - cycle * T) : u - cycle * T))[1];
+  };
+  int later = 0;
+  for (const Loop loop : {Loop::kNo, Loop::kThereAndBack, Loop::kRepeat}) {
+    for (const double period : {1.0, 1.1, 1.37}) {
+      for (const double wait : {0.0, 0.4}) {
+        const auto swing = [&](double far, double begin, double T, double phi) {
+          const Values q = loop == Loop::kRepeat ? Values{phi, 0, phi, far, phi, 0} : Values{phi, 0, phi, far};
+          Values t{begin, begin + T};
+          if (loop == Loop::kRepeat) t = {begin, begin + T / 2, begin + T};
+          return Motion{trajectory::Path(2, t, q, Values(q.size()), Values(q.size())), {}, loop, T};
+        };
+        // a comes out to x = -0.07 and b to 0.07, of hands at -2 and 2: they meet only if they are in step.
+        const Motion motions[] = {swing(1.93, 0, 1, 0),
+                                  swing(1.93, loop == Loop::kNo ? wait : 1 + wait, period, std::numbers::pi)};
+        Checker checker({}, {arm("a", {-3, 0, 0}), arm("b", {3, 0, 0})}, {});
+        constexpr double kUntil = 9, kStep = 1e-3;
+        double first = scene::kInfinity;
+        const double end = loop == Loop::kNo ? 1 : kUntil;
+        for (int k = 0; k * kStep <= end && first == scene::kInfinity; ++k) {
+          const double t = k * kStep, gap = (2 - position(motions[1], t)) - (-2 + position(motions[0], t)) - 0.2;
+          if (gap < 0) first = t;
+        }
+        const Verdict verdict = checker.check(motions, kUntil);
+        EXPECT_EQ(verdict.clear, first == scene::kInfinity) << period << " s, after " << wait << " s";
+        if (verdict.clear || first == scene::kInfinity) continue;
+        EXPECT_NEAR(verdict.nearest.t, first, 1.1 * kStep);
+        later += first > 1 ? 1 : 0;
+      }
+    }
+  }
+  EXPECT_GT(later, 4) << "only in a later cycle";
+}
+
 /// Robots of models/robots with their hulls.
 Stand shipped(const std::string& name, const Vector3d& p) {
   const fs::path urdf = fs::path(cotwin::places::source()) / "models/robots" / name / "robot.urdf";
