@@ -40,7 +40,9 @@ Monitor::Monitor(Settings& settings)
     made->part = parts_.size();
     made->pose.p = {body.X_WB.p.x(), body.X_WB.p.y(), body.X_WB.p.z()};
     put_quaternion(body.X_WB.R, made->pose.quat);
-    add_part(body.name, body.shapes).moves = body.motion != scene::Motion::kStatic;
+    Part& part = add_part(body.name, body.shapes);
+    part.moves = body.motion != scene::Motion::kStatic;
+    if (part.solid.open()) settings.warn("body '" + body.name + "' is not closed, so that nothing counts as inside it");
     bodies_.push_back(std::move(made));
   }
   add_obstacles(settings.text("obstacles"));

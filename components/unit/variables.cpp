@@ -253,7 +253,10 @@ Variables::Declared Variables::add(std::string name, Role role, Variable::Storag
     throw Error("variable '" + variable.name + "'", "expected a name without control characters");
   if (!foreign_ && !is_identifier(variable.name))
     throw Error("variable '" + variable.name + "'", "expected a name of letters, digits, '_' and '.'");
-  if (index_.contains(variable.name)) throw Error(variable.name, "declared twice");
+  if (index_.contains(variable.name)) {
+    throw Error(variable.name,
+                "declared twice, expected names that differ in letters and digits: in names of variables others become _");
+  }
   if (variable.description.empty()) throw Error(variable.name, "declared without a description");
   if (variable.kind() == Kind::kReal && !(foreign_ && variable.si.empty())) {
     if (variable.si.empty()) throw Error(variable.name, "declared without a unit of measure; a pure number has \"1\"");

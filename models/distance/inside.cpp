@@ -1,4 +1,5 @@
 // Closed meshes of bodies, and what is inside them.
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>
