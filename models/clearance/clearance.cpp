@@ -362,15 +362,20 @@ Verdict Checker::check(std::span<const Motion> motions, double until) {
   const double begin = own.joints() > 0 ? own.begin() : 0, once = own.joints() > 0 ? own.end() : 0;
   const std::vector<Tool>& tools = all.robots.front().tools;
   double end = motions.front().loop == Motion::Loop::kNo ? once : std::max(once, until);
-  for (const Tool& tool : tools) end = tool.from < scene::kInfinity ? std::max(end, tool.from) : end;
-  std::vector<double> times{begin, once, end};
-  for (const Stand& stand : all.robots)
-    for (const Tool& tool : stand.tools)
-      for (const double t : {tool.from, tool.until})
-        if (t > begin && t < end) times.push_back(t);
+  std::vector<double> times{begin, once}, comes;
+  for (const Stand& stand : all.robots) {
+    for (const Tool& tool : stand.tools) {
+      if (tool.from < scene::kInfinity) end = std::max(end, tool.from);
+      times.insert(times.end(), {tool.from, tool.until});
+      comes.push_back(tool.from);
+    }
+  }
+  std::erase_if(times, [&](double t) { return t < begin || t > end; });
+  times.push_back(end);
   std::ranges::sort(times);
   times.erase(std::unique(times.begin(), times.end()), times.end());
-  if (times.size() == 1 || !tools.empty()) times.push_back(end);  // a moment of its own
+  const bool comes_last = std::ranges::find(comes, end) != comes.end();
+  if (times.size() == 1 || comes_last) times.push_back(end);  // a moment of its own
   for (std::size_t i = 0; i + 1 < times.size(); ++i) {
     const bool again = times[i] >= once && times[i] > begin && tools.empty();
     if (all.meets(times[i], times[i + 1], again)) return {false, all.least};

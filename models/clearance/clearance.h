@@ -67,7 +67,7 @@ class Checker {
   /// What should be told beside the verdict: bodies that move in the scene and stand here, meshes that are not closed, links and tools without
   /// shapes.
   const std::vector<std::string>& notes() const;
-  /// `motions`: of all robots, in their order; that of the first one says from when to when. If it gets a tool later, that moment counts, too, and
+  /// `motions`: of all robots, in their order; that of the first one says from when to when. If a robot gets a tool later, that counts, too, and
   /// if it loops all until `until` (s) does.
   Verdict check(std::span<const Motion> motions, double until = 0);
 

@@ -85,7 +85,6 @@ Mover mover_of(Member& member, Time begin) {
   using Loop = clearance::Motion::Loop;
   const Variables& v = member.variables();
   Unit& unit = *member.instance.unit;
-  unit.initialise(begin);
   Mover mover;
   mover.name = member.name();
   mover.start = v.at("t_start").reals()[0];
@@ -94,6 +93,8 @@ Mover mover_of(Member& member, Time begin) {
   mover.motion.loop =
       text::choose<Loop>(mover.name + ".loop", v.at("loop").strings()[0],
                          {{"no", Loop::kNo}, {"repeat", Loop::kRepeat}, {"there_and_back", Loop::kThereAndBack}});
+  if (mover.motion.loop != Loop::kNo) begin = std::min(begin, Time{} + Duration::from_seconds(mover.start));
+  unit.initialise(begin);
   mover.motion.period = v.at("duration").reals()[0];
   const double end = mover.start + mover.motion.period, length = std::max(end - begin.seconds(), kStep);
   if (!(mover.motion.period > 0 && end <= kLongest))
@@ -124,16 +125,17 @@ struct Standing {
   Pose X_WB;
 };
 
-/// The robot that a motion moves, one with a place if there are several: its twins do the same. nullptr: none is known.
-template <class Robots>
-auto moved_by(const Mover& mover, Robots& robots) {
-  decltype(robots.data()) found = nullptr;
-  for (auto& one : robots) {
-    const bool moves =
-        std::ranges::find(one.robot->tracks, mover.name + ".q_d", &StagedTrack::signal) != one.robot->tracks.end();
-    if (moves && (found == nullptr || (found->placed_by.empty() && !one.placed_by.empty()))) found = &one;
-  }
-  return found;
+bool follows(const Standing& one, const Mover& mover) {
+  const std::vector<StagedTrack>& tracks = one.robot->tracks;
+  return std::ranges::find(tracks, mover.name + ".q_d", &StagedTrack::signal) != tracks.end();
+}
+
+/// The robot that a motion moves, one with a place if there are several: its twins do the same. The end: none is known.
+auto moved_by(const Mover& mover, std::vector<Standing>& robots) {
+  const auto placed =
+      std::ranges::find_if(robots, [&](const Standing& one) { return follows(one, mover) && !one.placed_by.empty(); });
+  return placed != robots.end() ? placed
+                                : std::ranges::find_if(robots, [&](const Standing& one) { return follows(one, mover); });
 }
 
 /// The robots of a stage, at the places of contact worlds and monitors, or those given. Those that a motion moves have its name.
@@ -145,14 +147,12 @@ std::vector<Standing> stand(const Stage& stage, const std::vector<Mover>& movers
       one.X_WB = robot.base.X_WB;
       one.name = one.placed_by = robot.base.p.substr(0, robot.base.p.rfind('.'));
     }
-    for (const Mover& mover : movers) {
-      const bool moves = std::ranges::find(robot.tracks, mover.name + ".q_d", &StagedTrack::signal) != robot.tracks.end();
-      if (moves && one.mover == nullptr) one.mover = &mover;
-    }
+    const auto mover = std::ranges::find_if(movers, [&](const Mover& candidate) { return follows(one, candidate); });
+    if (mover != movers.end()) one.mover = &*mover;
     robots.push_back(std::move(one));
   }
   for (const Mover& mover : movers)
-    if (Standing* const own = moved_by(mover, robots); own != nullptr && own->mover == &mover) own->name = mover.name;
+    if (const auto own = moved_by(mover, robots); own != robots.end() && own->mover == &mover) own->name = mover.name;
   std::vector<std::string> names;
   for (const Standing& one : robots) names.push_back(one.name);
   for (const std::string& text : bases) {
@@ -185,10 +185,6 @@ clearance::Stand stand_of(const Standing& one, const Stage& stage, const std::st
   return stand;
 }
 
-bool has_shapes(const clearance::Stand& stand) {
-  return std::ranges::any_of(stand.robot.shapes, [](const auto& shapes) { return !shapes.empty(); });
-}
-
 /// " at 1.2 s, between waypoints 1 and 2"
 std::string time_of(double t, const Mover& mover) {
   const auto leg = std::ranges::upper_bound(mover.waypoints, t - mover.start);
@@ -200,12 +196,12 @@ std::string time_of(double t, const Mover& mover) {
 }
 
 /// What one motion comes near to, and what that rests on. The robots' motions go on until `until`.
-std::vector<fmu::Finding> judge(const Mover& mover, const std::vector<Standing>& robots, const Stage& stage,
+std::vector<fmu::Finding> judge(const Mover& mover, std::vector<Standing>& robots, const Stage& stage,
                                 const scene::Scene& scene, double until) {
   std::vector<fmu::Finding> findings;
   const auto note = [&](const std::string& what) { findings.push_back({Level::kNote, mover.name + ": " + what}); };
-  const Standing* const own = moved_by(mover, robots);
-  if (own == nullptr || stage.models[own->robot->model].urdf.empty()) {
+  const auto own = moved_by(mover, robots);
+  if (own == robots.end() || stage.models[own->robot->model].urdf.empty()) {
     note("not checked for collisions, because its robot is not known");
     return findings;
   }
@@ -215,11 +211,11 @@ std::vector<fmu::Finding> judge(const Mover& mover, const std::vector<Standing>&
   std::string resting, unknown, bare;
   bool slows = mover.slows;
   for (const Standing& other : robots) {
-    if (&other == own || is_twin(*own, other) || stage.models[other.robot->model].urdf.empty()) continue;
+    if (&other == &*own || is_twin(*own, other) || stage.models[other.robot->model].urdf.empty()) continue;
     clearance::Stand there = stand_of(other, stage, other.name, notes);
     if (own->placed_by.empty() || other.placed_by.empty()) {
       text::append(unknown, other.name);
-    } else if (!has_shapes(there)) {
+    } else if (std::ranges::all_of(there.robot.shapes, &std::vector<scene::Shape>::empty)) {
       text::append(bare, other.name);
     } else {
       stands.push_back(std::move(there));
@@ -276,7 +272,7 @@ std::vector<fmu::Finding> check_clear(const fs::path& file, const std::string& n
     signals.columns.resize(signals.columns.size() + n);
   }
   const Stage stage = stage_of(scenario, signals, units(), folders);
-  const std::vector<Standing> robots = stand(stage, movers, bases);
+  std::vector<Standing> robots = stand(stage, movers, bases);
   std::string places;
   for (const Standing& one : robots) {
     const Eigen::Vector3d& p = one.X_WB.p;
@@ -292,7 +288,8 @@ std::vector<fmu::Finding> check_clear(const fs::path& file, const std::string& n
   if (until < scenario.stop.seconds()) notes.push_back("motions that loop are checked for an hour");
   std::vector<fmu::Finding> findings;
   for (const std::string& what : notes) findings.push_back({Level::kNote, what});
-  if (movers.empty() && !poses) findings.push_back({Level::kWarning, "no unit:motion of joints, so nothing was checked for collisions"});
+  if (movers.empty() && !poses)
+    findings.push_back({Level::kWarning, "no unit:motion of joints, so nothing was checked for collisions"});
   for (const Mover& mover : movers) std::ranges::move(judge(mover, robots, stage, scene, until), std::back_inserter(findings));
   return findings;
 }

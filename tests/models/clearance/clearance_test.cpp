@@ -375,6 +375,18 @@ TEST(Tools, OfARobotMeetItsOtherLinksAndThoseOfOthers) {
   const Verdict verdict = Checker({}, {stand, other}, {}).check(motions);
   EXPECT_FALSE(verdict.clear);
   EXPECT_EQ(verdict.nearest.other, "right/rod");
+  // The other one rests, and gets its tool at the end of the motion, or later; gone again before, it does not count.
+  other.X_WB.p.x() = 3.02;
+  for (const double from : {0.5, 1.0, 4.0, 1e3}) {
+    other.tools = {{"rod", 1, {shape(ShapeType::kBox, {2, 0.1, 0.1}, {1, 0, 0})}, from}};
+    const Motion both[] = {go({0, 0}, {0.1, 0}, 1), {{}, {std::numbers::pi, 0}}};
+    const Verdict late = Checker({}, {stand, other}, {}).check(both);
+    EXPECT_FALSE(late.clear) << from;
+    EXPECT_EQ(late.nearest.t, from);
+    other.tools.front().from = -2;
+    other.tools.front().until = -1;
+    EXPECT_TRUE(Checker({}, {stand, other}, {}).check(both).clear);
+  }
   Checker bare({}, {stand, arm("x", {9, 0, 0})}, {});
   EXPECT_TRUE(bare.check(motions).clear);
 }
