@@ -6,10 +6,14 @@
 #include <map>
 #include <ostream>
 #include <set>
+#include <span>
+#include <utility>
 
 #include "fmu/check/libraries.h"
 #include "fmu/import/load.h"
+#include "models/foundation/formats/xml.h"
 #include "models/foundation/support/error.h"
+#include "models/foundation/support/file.h"
 #include "models/foundation/support/text.h"
 
 namespace cotwin::fmu {
@@ -25,6 +29,89 @@ void check_resources(const fs::path& folder, const ModelDescription& d, std::vec
   }
   if (libraries(folder).empty() && !fs::exists(folder / "sources"))
     out.push_back({Level::kError, "neither binaries nor sources"});
+}
+
+/// The attributes that FMI 2.0 and 3.0 have, of elements in which a wrong one is easily overlooked.
+using Attributes = std::map<std::string, std::vector<std::string>>;
+const Attributes& attributes_of_fmi2() {
+  static const Attributes kAttributes{
+      {"fmiModelDescription",
+       {"fmiVersion", "modelName", "guid", "description", "author", "version", "copyright", "license", "generationTool",
+        "generationDateAndTime", "variableNamingConvention", "numberOfEventIndicators"}},
+      {"CoSimulation",
+       {"modelIdentifier", "needsExecutionTool", "canHandleVariableCommunicationStepSize", "canInterpolateInputs",
+        "maxOutputDerivativeOrder", "canRunAsynchronuously", "canBeInstantiatedOnlyOncePerProcess",
+        "canNotUseMemoryManagementFunctions", "canGetAndSetFMUstate", "canSerializeFMUstate", "providesDirectionalDerivative"}},
+      {"ModelExchange",
+       {"modelIdentifier", "needsExecutionTool", "completedIntegratorStepNotNeeded", "canBeInstantiatedOnlyOncePerProcess",
+        "canNotUseMemoryManagementFunctions", "canGetAndSetFMUstate", "canSerializeFMUstate", "providesDirectionalDerivative"}},
+      {"DefaultExperiment", {"startTime", "stopTime", "tolerance", "stepSize"}},
+      {"ScalarVariable",
+       {"name", "valueReference", "description", "causality", "variability", "initial", "canHandleMultipleSetPerTimeInstant"}},
+      {"Real",
+       {"declaredType", "quantity", "unit", "displayUnit", "relativeQuantity", "min", "max", "nominal", "unbounded", "start",
+        "derivative", "reinit"}},
+      {"Integer", {"declaredType", "quantity", "min", "max", "start"}},
+      {"Boolean", {"declaredType", "start"}},
+      {"String", {"declaredType", "start"}},
+      {"Enumeration", {"declaredType", "quantity", "min", "max", "start"}}};
+  return kAttributes;
+}
+const Attributes& attributes_of_fmi3() {
+  static const Attributes kAttributes{
+      {"fmiModelDescription",
+       {"fmiVersion", "modelName", "instantiationToken", "description", "author", "version", "copyright", "license",
+        "generationTool", "generationDateAndTime", "variableNamingConvention"}},
+      {"CoSimulation",
+       {"modelIdentifier", "needsExecutionTool", "canBeInstantiatedOnlyOncePerProcess", "canGetAndSetFMUState",
+        "canSerializeFMUState", "providesDirectionalDerivatives", "providesAdjointDerivatives",
+        "providesPerElementDependencies", "canHandleVariableCommunicationStepSize", "fixedInternalStepSize",
+        "maxOutputDerivativeOrder", "recommendedIntermediateInputSmoothness", "providesIntermediateUpdate",
+        "mightReturnEarlyFromDoStep", "canReturnEarlyAfterIntermediateUpdate", "hasEventMode",
+        "providesEvaluateDiscreteStates"}},
+      {"ModelExchange",
+       {"modelIdentifier", "needsExecutionTool", "canBeInstantiatedOnlyOncePerProcess", "canGetAndSetFMUState",
+        "canSerializeFMUState", "providesDirectionalDerivatives", "providesAdjointDerivatives",
+        "providesPerElementDependencies", "needsCompletedIntegratorStep", "providesEvaluateDiscreteStates"}},
+      {"DefaultExperiment", {"startTime", "stopTime", "tolerance", "stepSize"}}};
+  return kAttributes;
+}
+
+void check_attributes(const fs::path& folder, Version version, std::vector<Finding>& out) {
+  const Attributes& known = version == Version::k2 ? attributes_of_fmi2() : attributes_of_fmi3();
+  constexpr std::uintmax_t kLargest = 1'000'000'000;  // bytes
+  const std::string xml = text::read_file(folder / "modelDescription.xml", "a model description", kLargest);
+  const auto check = [&](const xml::Element& e) {
+    const auto found = known.find(e.name);
+    if (found == known.end() || !e.space.empty()) return;
+    xml::check_attributes(e, found->second, [&](const std::string& place, const std::string& what) {
+      out.push_back({Level::kWarning, place + ": " + what});
+    });
+  };
+  check(xml::parse(xml, "modelDescription.xml", [&](std::span<const xml::Element> around, const xml::Element& e) {
+    // Of type definitions Real and others are named SimpleType's children, with other attributes.
+    if (std::ranges::none_of(around, [](const xml::Element& a) {
+          return a.name == "TypeDefinitions" || a.name == "Annotations" || a.name == "VendorAnnotations";
+        }))
+      check(e);
+    return false;
+  }));
+}
+
+/// Variables of FMI 2 with one value reference are one: a start value belongs to one of them.
+void check_alias_starts(const ModelDescription& d, std::vector<Finding>& out) {
+  std::map<std::pair<Type, std::uint32_t>, const ModelVariable*> first;
+  for (const ModelVariable& v : d.variables) {
+    if (std::holds_alternative<std::monostate>(v.start)) continue;
+    const auto [known, is_new] = first.emplace(std::pair{v.type, v.reference}, &v);
+    if (is_new) continue;
+    const ModelVariable& other = *known->second;
+    const bool same = other.start == v.start;
+    out.push_back({same ? Level::kWarning : Level::kError,
+                   "variables '" + other.name + "' and '" + v.name + "' have the same value reference " +
+                       std::to_string(v.reference) + (same ? " and a start value each" : " and different start values") +
+                       ", expected one start value"});
+  }
 }
 
 bool is_number(Type type) { return type <= Type::kUInt64; }
@@ -96,6 +183,7 @@ std::vector<Finding> check_description(const ModelDescription& d) {
       seen[u.variable] = true;
     }
   }
+  if (two) check_alias_starts(d, out);
   for (const auto* interface : {&d.co_simulation, &d.model_exchange}) {
     if (!*interface) continue;
     if ((*interface)->can_serialise_state && !(*interface)->can_get_and_set_state)
@@ -112,6 +200,7 @@ std::vector<Finding> check_fmu(const fs::path& path, bool load_it) {
     const std::shared_ptr<const ForeignFmu> fmu = open_fmu(path);
     const ModelDescription& d = fmu->description;
     out = check_description(d);
+    check_attributes(fmu->folder, d.version, out);
     check_resources(fmu->folder, d, out);
     check_libraries(fmu->folder, d, out);
     for (const InterfaceChoice kind : {InterfaceChoice::kCoSimulation, InterfaceChoice::kModelExchange}) {

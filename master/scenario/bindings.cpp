@@ -95,7 +95,7 @@ std::vector<Assignment> Reader::mapped(const ParameterSet& set, const std::strin
     by_name.emplace(prefix + v.name, values.size());
     values.push_back({v, {}});
     values.back().value.name = prefix + v.name;
-    if (!v.unit.empty()) values.back().value.unit = units_.intern(units, v.unit, v.place);
+    if (!v.unit.empty()) values.back().value.unit = known_unit(units, v.unit, v.place);
   }
   if (mapping == nullptr) return values;
 

@@ -42,6 +42,9 @@ Scenario scenario_of(const FmuRunOptions& options, const fmu::ModelDescription& 
   scenario.start = Time::from_seconds(start);
   scenario.stop = Time::from_seconds(stop);
   scenario.tick = Duration::from_seconds(interval);
+  if (scenario.stop <= scenario.start && !options.stop)
+    throw Error(options.file.string(), "its DefaultExperiment ends at " + text::to_text(experiment.stop.value_or(stop)) +
+                                           " s, before the start at " + text::to_text(start) + " s; expected --stop-time");
   if (scenario.stop <= scenario.start)
     throw Error("--stop-time " + text::to_text(stop), "expected a time after the start at " + text::to_text(start) + " s");
   if (scenario.tick.ns <= 0) throw Error("--output-interval " + text::to_text(interval), "expected 1e-09 s or more");

@@ -332,6 +332,7 @@ void Builder::check_masses() {
 RobotModel Builder::build() {
   robot_.name = urdf_.getName();
   for (const std::string& warning : document_.warnings) warn(warning);
+  for (const auto& [line, what] : document_.misspelled) complain(document_.at(line), what, "ignored");
   if (document_.gravity) robot_.gravity = *document_.gravity;
   followings_ = follow_mimics(document_, options_.locked, warnings_);
   check_passive();

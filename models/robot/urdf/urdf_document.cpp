@@ -2,11 +2,13 @@
 
 #include <tinyxml2.h>
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <initializer_list>
 #include <limits>
+#include <map>
 #include <set>
 
 #include "models/foundation/formats/xml.h"
@@ -28,6 +30,7 @@ using Names = std::initializer_list<std::string_view>;
 constexpr std::size_t kMostLinks = 2000;
 /// More than any element has; the time of tinyxml2 grows with the square of their number.
 constexpr std::size_t kMostAttributes = 1000;
+constexpr double kUnitQuaternion = 1e-3;  // tolerance of the length
 
 bool contains(const Names& names, std::string_view name) { return std::find(names.begin(), names.end(), name) != names.end(); }
 
@@ -65,8 +68,10 @@ class Reader {
     throw Error(document_.at(line), (owner_.empty() ? "" : owner_ + ": ") + what);
   }
 
-  void keep_attributes(XMLElement& element, const Names& names) const;
-  void keep_children(XMLElement& element, const Names& names) const;
+  void keep_attributes(XMLElement& element, const Names& names);
+  void keep_children(XMLElement& element, const Names& names, const Names& others = {});
+  void tell_unknown(const XMLElement& element, const std::string& name, int line, bool is_attribute,
+                    const std::vector<std::string>& known);
   XMLElement* child(XMLElement& element, const char* name) const { return element.FirstChildElement(name); }
   XMLElement& required(XMLElement& element, const char* name) const;
   std::string name_in(const XMLElement& element, const char* attribute) const;
@@ -75,17 +80,55 @@ class Reader {
   std::vector<double> reals(XMLElement& element, const char* attribute, std::size_t count) const;
   Eigen::Vector3d vector(XMLElement& element, const char* attribute) const;
   Pose origin(XMLElement& parent);
-  void limits(XMLElement& element, UrdfDocument::Joint& joint) const;
+  void limits(XMLElement& element, UrdfDocument::Joint& joint);
 
+  /// Names a link or joint in messages, if its name is one.
+  void begin(const XMLElement& element) {
+    const char* const name = element.Attribute("name");
+    owner_ = name != nullptr && is_urdf_name(name) && std::string_view(name).find('$') == std::string_view::npos
+                 ? std::string(element.Name()) + " '" + name + "'"
+                 : "";
+  }
+  void refuse_loop(const XMLElement& element);
   void read_link(XMLElement& element);
   void read_joint(XMLElement& element);
 
+  struct Unread {
+    int line = 0, count = 0;
+  };
   UrdfDocument document_;
-  std::string owner_;  // "link 'x'", for messages
+  std::string owner_;                    // "link 'x'", for messages
+  std::vector<std::string> attributes_;  // that the element has which was looked at last
+  std::map<std::string, Unread> unread_;
 };
 
-/// Removes all other attributes: extensions such as drake:acceleration and mu_viscous.
-void Reader::keep_attributes(XMLElement& element, const Names& names) const {
+/// Tells of an attribute or child that is not read. Names with a prefix, such as drake:acceleration, are of others.
+void Reader::tell_unknown(const XMLElement& element, const std::string& name, int line, bool is_attribute,
+                          const std::vector<std::string>& known) {
+  if (name.find(':') != std::string::npos || name == "xmlns") return;
+  const std::string owner = element.Name();
+  const std::string near = text::closest(name, known);
+  const std::string what = "'" + name + (is_attribute ? "' as an attribute of <" : "' in <") + owner + "> is not read" +
+                           (near.empty()   ? ""
+                            : near == name ? ", expected it as an attribute"
+                                           : ", did you mean '" + near + "'?");
+  const bool given =
+      !near.empty() && (element.Attribute(near.c_str()) != nullptr || element.FirstChildElement(near.c_str()) != nullptr);
+  const bool misspelled = !near.empty() && (!given || near == name) && owner != "robot" && owner != "link";
+  const char* const value = is_attribute ? element.Attribute(name.c_str()) : nullptr;
+  const bool is_spring =
+      value != nullptr && owner == "dynamics" && name == "spring_stiffness" && text::parse_real(value) != 0.0;
+  if (misspelled || is_spring) {
+    document_.misspelled.emplace_back(line, (owner_.empty() ? "" : owner_ + ": ") + what);
+    return;
+  }
+  Unread& unread = unread_[what];
+  if (unread.count++ == 0) unread.line = line;
+}
+
+/// Removes all other attributes.
+void Reader::keep_attributes(XMLElement& element, const Names& names) {
+  attributes_.assign(names.begin(), names.end());
   std::vector<std::string> foreign;
   for (const auto* a = element.FirstAttribute(); a != nullptr; a = a->Next()) {
     const std::string_view value = a->Value();
@@ -95,15 +138,23 @@ void Reader::keep_attributes(XMLElement& element, const Names& names) const {
       fail(a->GetLineNum(), "'" + std::string(value) + "' is an expression of xacro, expected a URDF; " + kExpand);
     }
   }
-  for (const std::string& name : foreign) element.DeleteAttribute(name.c_str());
+  for (const std::string& name : foreign) {
+    tell_unknown(element, name, element.GetLineNum(), true, attributes_);
+    element.DeleteAttribute(name.c_str());
+  }
 }
 
-void Reader::keep_children(XMLElement& element, const Names& names) const {
+/// Removes all other children; `others` are known, and read by others or not needed. Call it after keep_attributes(), so that a child may be meant
+/// as an attribute.
+void Reader::keep_children(XMLElement& element, const Names& names, const Names& others) {
   std::set<std::string_view> seen;
   for (tinyxml2::XMLNode* node = element.FirstChild(); node != nullptr;) {
     tinyxml2::XMLNode* const next = node->NextSibling();
     XMLElement* const inner = node->ToElement();
     if (inner == nullptr || !contains(names, inner->Name())) {
+      if (inner != nullptr && !contains(others, inner->Name()))
+        tell_unknown(element, inner->Name(), inner->GetLineNum(), false,
+                     names.size() > 0 ? std::vector<std::string>(names.begin(), names.end()) : attributes_);
       element.DeleteChild(node);
     } else if (!seen.insert(inner->Name()).second) {
       fail(inner->GetLineNum(), std::string("<") + inner->Name() + "> more than once");
@@ -169,11 +220,11 @@ Eigen::Vector3d Reader::vector(XMLElement& element, const char* attribute) const
   return {v[0], v[1], v[2]};
 }
 
-/// <origin>: xyz, rpy, and R, which to_urdf adds if roll, pitch and yaw do not give the rotation to the last bit.
+/// <origin>: xyz, rpy or (URDF 1.2) quat_xyzw, and R, which to_urdf adds if roll, pitch and yaw do not give the rotation to the last bit.
 Pose Reader::origin(XMLElement& parent) {
   XMLElement* const element = child(parent, "origin");
   if (element == nullptr) return {};
-  keep_attributes(*element, {"xyz", "rpy", "R"});
+  keep_attributes(*element, {"xyz", "rpy", "quat_xyzw", "R"});
   keep_children(*element, {});
   Pose X;
   if (element->Attribute("xyz") != nullptr) X.p = vector(*element, "xyz");
@@ -184,6 +235,16 @@ Pose Reader::origin(XMLElement& parent) {
       document_.largest_angle_line = element->GetLineNum();
     }
     X.R = rotation_from_rpy(rpy[0], rpy[1], rpy[2]);
+  }
+  if (element->Attribute("quat_xyzw") != nullptr) {
+    const std::vector<double> Q = reals(*element, "quat_xyzw", 4);
+    if (element->Attribute("rpy") != nullptr)
+      fail(element->GetLineNum(), "quat_xyzw of <origin> beside rpy, expected one of them");
+    const Eigen::Quaterniond turned(Q[3], Q[0], Q[1], Q[2]);
+    if (!(std::abs(turned.norm() - 1) < kUnitQuaternion))
+      fail(element->GetLineNum(), "quat_xyzw of <origin> has the length " + text::to_text(turned.norm(), 6) + ", expected 1");
+    X.R = turned.normalized().toRotationMatrix();
+    element->DeleteAttribute("quat_xyzw");  // urdfdom's poses are not used
   }
   if (element->Attribute("R") != nullptr) {
     const std::vector<double> R = reals(*element, "R", 9);
@@ -198,7 +259,7 @@ Pose Reader::origin(XMLElement& parent) {
 }
 
 /// <limit>: writes values beyond ±kNoLimit, which mean no limit, as ±kNoLimit.
-void Reader::limits(XMLElement& element, UrdfDocument::Joint& joint) const {
+void Reader::limits(XMLElement& element, UrdfDocument::Joint& joint) {
   XMLElement* const limit = child(element, "limit");
   if (limit == nullptr) {
     if (joint.type != "continuous") fail(element.GetLineNum(), "a " + joint.type + " joint needs a <limit>");
@@ -225,8 +286,9 @@ void Reader::limits(XMLElement& element, UrdfDocument::Joint& joint) const {
 }
 
 void Reader::read_link(XMLElement& element) {
+  begin(element);
   keep_attributes(element, {"name"});
-  keep_children(element, {"inertial"});
+  keep_children(element, {"inertial"}, {"visual", "collision"});
   owner_.clear();
   const std::string name = name_in(element, "name");
   owner_ = "link '" + name + "'";
@@ -256,6 +318,7 @@ void Reader::read_link(XMLElement& element) {
 }
 
 void Reader::read_joint(XMLElement& element) {
+  begin(element);
   keep_attributes(element, {"name", "type"});
   keep_children(element, {"origin", "parent", "child", "axis", "limit", "dynamics", "mimic", "passive"});
   owner_.clear();
@@ -293,7 +356,7 @@ void Reader::read_joint(XMLElement& element) {
   }
   joint.X_PJ = origin(element);
   if (type == "fixed") {
-    keep_children(element, {"origin", "parent", "child"});
+    keep_children(element, {"origin", "parent", "child"}, {"axis", "limit", "dynamics"});
   } else {
     if (XMLElement* const axis = child(element, "axis")) {
       keep_attributes(*axis, {"xyz"});
@@ -321,6 +384,25 @@ void Reader::read_joint(XMLElement& element) {
   document_.joints.emplace(name, joint);
 }
 
+/// Complains of an element beside links and joints that closes a loop of them: <loop_joint>, <constraint>, and <gazebo> with a <joint> that
+/// has a parent and a child.
+void Reader::refuse_loop(const XMLElement& element) {
+  std::string kind = element.Name();
+  kind = kind.substr(kind.find(':') + 1);
+  const XMLElement* closing = kind == "loop_joint" || kind == "constraint" ? &element : nullptr;
+  if (kind == "gazebo")
+    for (const XMLElement* joint = element.FirstChildElement("joint"); joint != nullptr;
+         joint = joint->NextSiblingElement("joint"))
+      if (joint->FirstChildElement("parent") != nullptr && joint->FirstChildElement("child") != nullptr) closing = joint;
+  if (closing == nullptr) return;
+  const char* const name = closing->Attribute("name");
+  document_.misspelled.emplace_back(
+      closing->GetLineNum(),
+      std::string("<") + closing->Name() + ">" + (name != nullptr ? " '" + std::string(name) + "'" : "") +
+          " closes a loop of links, which a URDF's tree cannot have: expected the mechanism as an SDF file in a "
+          "contact world (scene=FILE.sdf), whose joints may close loops");
+}
+
 UrdfDocument Reader::read(std::string_view xml) {
   const std::string& place = document_.place;
   if (text::trim(xml).empty()) throw Error(place, "empty, expected a URDF");
@@ -345,6 +427,9 @@ UrdfDocument Reader::read(std::string_view xml) {
   if (xacro.line != 0) throw Error(document_.at(xacro.line), std::string("an element of xacro, expected a URDF; ") + kExpand);
 
   keep_attributes(*robot, {"name", "version"});
+  const char* const version = robot->Attribute("version");
+  if (version != nullptr && (version == std::string_view("1.1") || version == std::string_view("1.2")))
+    robot->DeleteAttribute("version");  // urdfdom refuses others than 1.0
   if (robot->Attribute("name") == nullptr) {
     const std::string stem = std::filesystem::path(place).stem().string();
     const std::string name = is_urdf_name(stem) ? stem : "robot";
@@ -364,12 +449,18 @@ UrdfDocument Reader::read(std::string_view xml) {
       owner_.clear();
       if (kind == "gravity" && element->Attribute("xyz") != nullptr) document_.gravity = vector(*element, "xyz");
       if (kind == "si") document_.is_si = true;
+      if (element != nullptr) refuse_loop(*element);
+      if (kind != "" && kind != "gravity" && kind != "si" && !text::closest(kind, {"link", "joint"}).empty())
+        tell_unknown(*robot, std::string(kind), element->GetLineNum(), false, {"link", "joint"});
       robot->DeleteChild(node);
     }
     node = next;
   }
   owner_.clear();
   if (document_.links.empty()) fail(robot->GetLineNum(), "a robot without links");
+  for (const auto& [what, unread] : unread_)
+    document_.warnings.push_back(document_.at(unread.line) + ": " + what +
+                                 (unread.count > 1 ? " (" + std::to_string(unread.count) + " times)" : ""));
   check_urdf_tree(document_);
   tinyxml2::XMLPrinter printer(nullptr, true);
   robot->Accept(&printer);

@@ -4,6 +4,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "models/mechanics/pose.h"
@@ -46,7 +47,9 @@ struct UrdfDocument {
   bool is_si = false;                      // <si/> in <robot>, an extension: units.h does not look for other units of measure
   double largest_angle = 0;                // of all rpy, as written
   int largest_angle_line = 0;
-  std::vector<std::string> warnings;  // what could be read differently
+  std::vector<std::string> warnings;  // what could be read differently, and words that are not read
+  /// Unknown words that look as if they should change the dynamics, and elements that close loops, with their lines.
+  std::vector<std::pair<int, std::string>> misspelled;
 
   std::string at(int line) const { return place + ":" + std::to_string(line); }
 };

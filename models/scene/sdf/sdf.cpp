@@ -29,6 +29,7 @@ Reader::Document Reader::open(std::string_view text, const fs::path& file) const
   const std::vector<std::string_view> parts = text::split(version, '.');
   const auto minor = parts.size() == 2 && parts[0] == "1" ? text::parse_integer(parts[1]) : std::nullopt;
   if (!minor || *minor < 5 || *minor > 12) throw Error(root.place, "SDF version '" + version + "', expected 1.5 … 1.12");
+  sdf::check_attributes(root, warn());
   return document;
 }
 
@@ -106,7 +107,9 @@ void Reader::read_links(const Element& model, Scope& scope, const Inherited& fro
   std::vector<int> bodies;
   for (const Element& element : model.children) {
     if (!is_link(element)) continue;
-    Body body = sdf::read_link(element, from.is_static, from.folder, warn());
+    std::uint32_t mask = kAllBits;
+    Body body = sdf::read_link(element, from.is_static, from.folder, mask, warn());
+    if (mask != kAllBits) masks_[static_cast<int>(scene_.bodies.size())] = mask;
     const std::string& name = xml::text(element, "name");
     body.name = several ? scope.prefix + name : scope.prefix.substr(0, scope.prefix.size() - 1);
     body.X_WB = pose_of(scope, name, element.place);
@@ -123,22 +126,27 @@ void Reader::read_links(const Element& model, Scope& scope, const Inherited& fro
 }
 
 void Reader::read_axis(const Element& element, Joint& joint, Scope& scope, const Pose& X_WJ) {
-  sdf::check_children(element, {"xyz", "limit", "dynamics", "mimic"}, {}, {}, warn());
+  sdf::check_children(element, {"xyz", "limit", "dynamics", "mimic", "use_parent_model_frame"}, {}, {}, warn());
   const Element& xyz = sdf::required(element, "xyz");
   Eigen::Vector3d axis = sdf::vector(xyz);
   const double length = axis.norm();
   if (!(length > 1e-6)) throw Error(xyz.place, "<xyz> of length " + text::to_text(length, 6) + ", expected a direction");
   if (std::abs(length - 1) > 1e-3) warn()(xyz.place, "axis of length " + text::to_text(length, 6) + " is normalised");
   axis /= length;
-  if (const std::string in = xml::text(xyz, "expressed_in", ""); !in.empty())
-    axis = X_WJ.R.transpose() * (pose_of(scope, in, xyz.place).R * axis);
+  std::string in = xml::text(xyz, "expressed_in", "");
+  if (const Element* old = only(element, "use_parent_model_frame"); old != nullptr && sdf::boolean(*old)) {  // until SDF 1.6
+    if (!in.empty()) throw Error(old->place, "<use_parent_model_frame> beside expressed_in, expected one of them");
+    in = "__model__";
+  }
+  if (!in.empty()) axis = X_WJ.R.transpose() * (pose_of(scope, in, xyz.place).R * axis);
   joint.axis = axis.normalized();
   if (const Element* limit = only(element, "limit")) {
-    sdf::check_children(*limit, {"lower", "upper"}, {}, {}, warn());
-    constexpr double kNone = 1e16;  // means "no limit" in SDF
-    const double lower = sdf::number(*limit, "lower", -kNone), upper = sdf::number(*limit, "upper", kNone);
-    if (lower > -kNone) joint.q_min = lower;
-    if (upper < kNone) joint.q_max = upper;
+    sdf::check_children(*limit, {"lower", "upper", "effort", "velocity"}, {}, {}, warn());
+    joint.q_min = sdf::limit(*limit, "lower", -kInfinity);
+    joint.q_max = sdf::limit(*limit, "upper", kInfinity);
+    for (const char* name : {"effort", "velocity"})  // negative: none
+      if (const double most = sdf::limit(*limit, name, kInfinity); most >= 0 && most < kInfinity)
+        warn()(limit->place, "<" + std::string(name) + "> in <limit> is ignored");
   }
   if (const Element* dynamics = only(element, "dynamics")) {
     sdf::check_children(*dynamics, {"damping", "friction", "spring_stiffness", "spring_reference"}, {}, {}, warn());
@@ -301,6 +309,12 @@ void Reader::read_include(const Element& include, Scope& scope, const Inherited&
   constexpr int kDeepest = 16;
   if (from.depth >= kDeepest) throw Error(include.place, "includes nested more than " + std::to_string(kDeepest) + " deep");
   sdf::check_children(include, {"uri", "name", "pose", "static"}, {}, {}, warn());
+  if (xml::boolean(include, "merge", false))
+    throw Error(include.place,
+                "<include merge=\"true\"> is not supported, expected an include without it, whose parts are NAME::PART");
+  if (const Element* frame = only(include, "placement_frame"); frame != nullptr && !frame->content.empty())
+    throw Error(frame->place,
+                "<placement_frame> " + frame->content + " is not supported, expected the pose of the model itself");
   const fs::path file = sdf::find_file(sdf::required(include, "uri"), from.folder);
   const std::string text = read_sdf(file);
   const Document document = open(text, file);
@@ -406,7 +420,12 @@ void Reader::read_model(const Element& model, Scope& scope, const Inherited& fro
 }
 
 void Reader::read_world(const Element& world, Scope& scope, const Inherited& from) {
-  sdf::check_children(world, {"gravity", "model", "include", "frame", "joint"}, {"light", "scene", "gui"}, {}, warn());
+  sdf::check_children(world, {"gravity", "model", "include", "frame", "joint", "physics"}, {"light", "scene", "gui"}, {},
+                      warn());
+  for (const Element& c : world.children)
+    if (c.space.empty() && c.name == "physics" && !(c.children.size() == 1 && only(c, "gravity") != nullptr))
+      warn()(c.place,
+             "<physics> in <world> is ignored" + std::string(only(c, "gravity") != nullptr ? " but for its gravity" : ""));
   read_parts(world, scope, from);
 }
 
@@ -424,11 +443,26 @@ Scene Reader::read(std::string_view text, const fs::path& file) {
   const Inherited outside{false, 0, document.folder};
   scene_.gravity = {0, 0, -9.8};  // default of SDF
   if (world != nullptr) {
-    if (const Element* gravity = only(*world, "gravity")) scene_.gravity = sdf::vector(*gravity);
+    const Element* gravity = only(*world, "gravity");
+    for (const Element& c : world->children) {  // until SDF 1.5
+      const Element* old = c.space.empty() && c.name == "physics" ? only(c, "gravity") : nullptr;
+      if (old != nullptr && gravity != nullptr) warn()(old->place, "<gravity> in <physics> is ignored beside another one");
+      if (gravity == nullptr) gravity = old;
+    }
+    if (gravity != nullptr) scene_.gravity = sdf::vector(*gravity);
     scope.place = world->place;
     read_world(*world, scope, outside);
   } else {
     read_parts(root, scope, outside);
+  }
+  const auto mask_of = [&](int body) {
+    const auto found = masks_.find(body);
+    return found != masks_.end() ? found->second : kAllBits;
+  };
+  for (const auto& [body, mask] : masks_) {
+    for (int other = 0; other < static_cast<int>(scene_.bodies.size()); ++other)
+      if (other != body && (mask & mask_of(other)) == 0 && !(masks_.contains(other) && other < body))
+        scene_.no_contact.emplace_back(std::min(body, other), std::max(body, other));
   }
   try {
     check(scene_);

@@ -1,8 +1,11 @@
 #include "models/scene/sdf/sdf_link.h"
 
 #include <Eigen/Geometry>
+#include <charconv>
 #include <cmath>
 #include <optional>
+#include <string>
+#include <system_error>
 #include <utility>
 
 #include "models/foundation/support/error.h"
@@ -84,8 +87,19 @@ void read_foundation(const xml::Element& foundation, Material& material, const W
   material.breakthrough = own_number(foundation, "breakthrough", kInfinity);
 }
 
-/// SDF's defaults: <mu> 1, <kp> 10¹² (treated as rigid).
-Material read_surface(const xml::Element* surface, const Pose& X_BC, const Warn& warn) {
+/// A number of 32 bits, decimal or as 0x3F.
+std::uint32_t read_mask(const xml::Element& element) {
+  const bool hexadecimal = element.content.starts_with("0x");
+  const std::string digits = element.content.substr(hexadecimal ? 2 : 0);
+  std::uint32_t value = 0;
+  const auto [end, fault] = std::from_chars(digits.data(), digits.data() + digits.size(), value, hexadecimal ? 16 : 10);
+  if (fault != std::errc() || end != digits.data() + digits.size())
+    throw Error(element.place, "<" + element.name + ">: '" + element.content + "', expected a whole number of 32 bits");
+  return value;
+}
+
+/// SDF's defaults: <mu> 1, <kp> 10¹² (treated as rigid). `mask`: the bits of collide_bitmask.
+Material read_surface(const xml::Element* surface, const Pose& X_BC, std::uint32_t& mask, const Warn& warn) {
   Material material;
   material.mu = 1;
   if (surface == nullptr) return material;
@@ -96,7 +110,13 @@ Material read_surface(const xml::Element* surface, const Pose& X_BC, const Warn&
     material.restitution = number(*bounce, "restitution_coefficient", 0);
   }
   if (const xml::Element* contact = only(*surface, "contact")) {
-    check_children(*contact, {"ode"}, {}, {"foundation"}, warn);
+    check_children(*contact, {"ode", "collide_bitmask", "collide_without_contact", "category_bitmask"}, {}, {"foundation"},
+                   warn);
+    if (const xml::Element* bits = only(*contact, "collide_bitmask")) mask = read_mask(*bits);
+    if (const xml::Element* bits = only(*contact, "category_bitmask"); bits != nullptr && read_mask(*bits) != kAllBits)
+      throw Error(bits->place, "<category_bitmask> is not supported, expected <collide_bitmask>");
+    if (const xml::Element* without = only(*contact, "collide_without_contact"); without != nullptr && boolean(*without))
+      throw Error(without->place, "<collide_without_contact> is not supported, expected a <collide_bitmask> of 0");
     if (const xml::Element* foundation = only(*contact, "foundation", kSpace)) read_foundation(*foundation, material, warn);
     if (const xml::Element* ode = only(*contact, "ode")) {
       check_children(*ode, {"kp", "kd"}, {}, {}, warn);
@@ -246,6 +266,7 @@ struct Collision {
   std::vector<Shape> shapes;
   std::optional<Inertia> unit;  // in the link's frame, at 1 kg/m³; absent: that of the shapes
   double density;
+  std::uint32_t mask = kAllBits;
 };
 
 Collision read_collision(const xml::Element& element, double density, bool is_static, const fs::path& folder,
@@ -253,9 +274,10 @@ Collision read_collision(const xml::Element& element, double density, bool is_st
   check_children(element, {"pose", "geometry", "surface", "density"}, {"laser_retro", "max_contacts"}, {}, warn);
   const std::string& name = xml::text(element, "name");
   const Pose X_BC = own_pose(element);
-  const Material material = read_surface(only(element, "surface"), X_BC, warn);
+  std::uint32_t mask = kAllBits;
+  const Material material = read_surface(only(element, "surface"), X_BC, mask, warn);
   Geometry geometry = read_geometry(required(element, "geometry"), is_static, folder, warn);
-  Collision collision{std::move(geometry.shapes), {}, number(element, "density", density)};
+  Collision collision{std::move(geometry.shapes), {}, number(element, "density", density), mask};
   if (geometry.unit) collision.unit = geometry.unit->seen_from(X_BC);
   for (Shape& shape : collision.shapes) {
     shape.name = shape.name.empty() ? name : name + "." + shape.name;
@@ -309,14 +331,18 @@ fs::path find_file(const xml::Element& uri, const fs::path& folder) {
   throw Error(uri.place, "no file '" + name + "', looked for " + looked);
 }
 
-Body read_link(const xml::Element& element, bool is_static, const fs::path& folder, const Warn& warn) {
-  check_children(element, {"pose", "inertial", "collision", "kinematic"},
+Body read_link(const xml::Element& element, bool is_static, const fs::path& folder, std::uint32_t& mask, const Warn& warn) {
+  check_children(element, {"pose", "inertial", "collision", "kinematic", "gravity"},
                  {"visual", "light", "sensor", "projector", "audio_sink", "audio_source", "battery", "particle_emitter",
                   "must_be_base_link"},
                  {"velocity"}, warn);
   Body body;
   const bool driven = boolean(element, "kinematic", false);
   body.motion = is_static ? Motion::kStatic : driven ? Motion::kDriven : Motion::kDynamic;
+  if (const xml::Element* gravity = only(element, "gravity");
+      gravity != nullptr && !boolean(*gravity) && body.motion == Motion::kDynamic)
+    throw Error(gravity->place,
+                "<gravity> false of a single link is not supported, expected <gravity>0 0 0</gravity> of the world");
   const xml::Element* inertial = only(element, "inertial");
   const bool automatic = inertial != nullptr && xml::boolean(*inertial, "auto", false);
   const double density = automatic ? number(*inertial, "density", kDensity) : kDensity;
@@ -324,6 +350,9 @@ Body read_link(const xml::Element& element, bool is_static, const fs::path& fold
   for (const xml::Element& c : element.children) {
     if (c.name != "collision" || !c.space.empty()) continue;
     Collision collision = read_collision(c, density, body.motion == Motion::kStatic, folder, warn);
+    if (!body.shapes.empty() && collision.mask != mask)
+      throw Error(c.place, "collisions of one link have different bits of <collide_bitmask>, expected the same ones");
+    mask = collision.mask;
     if (automatic && body.motion == Motion::kDynamic && collision.unit) {
       if (!(collision.density > 0))
         throw Error(c.place, "density " + text::to_text(collision.density, 6) + " kg/m3, expected > 0");

@@ -80,6 +80,7 @@ class Reader {
 
   std::vector<std::string>* const warnings_;
   Scene scene_;
+  std::map<int, std::uint32_t> masks_;  // of the bodies with other ones than kAllBits
 };
 
 }  // namespace cotwin::scene::sdf

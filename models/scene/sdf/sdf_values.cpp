@@ -3,6 +3,9 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <map>
+#include <optional>
+#include <set>
 
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
@@ -51,6 +54,16 @@ std::vector<double> numbers(const xml::Element& element, std::size_t count) {
 }
 
 double number(const xml::Element& element) { return numbers(element, 1)[0]; }
+
+double limit(const xml::Element& parent, const char* name, double none) {
+  constexpr double kNone = 1e16;
+  const xml::Element* found = only(parent, name);
+  if (found == nullptr) return none;
+  const std::optional<double> infinite = text::parse_real(found->content);
+  if (infinite && std::isinf(*infinite) && *infinite == none) return none;
+  const double value = number(*found);
+  return std::abs(value) >= kNone && (value > 0) == (none > 0) ? none : value;
+}
 
 Eigen::Vector3d vector(const xml::Element& element) {
   const std::vector<double> v = numbers(element, 3);
@@ -114,6 +127,28 @@ void check_children(const xml::Element& element, Names understood, Names silent,
       warn(c.place, "<" + c.name + "> in <" + element.name + "> is ignored");
     }
   }
+}
+
+void check_attributes(const xml::Element& element, const Warn& warn) {
+  static const std::map<std::string, std::vector<std::string>> kRead{
+      {"sdf", {"version"}},        {"world", {"name"}},       {"model", {"name", "canonical_link", "placement_frame"}},
+      {"include", {"merge"}},      {"link", {"name"}},        {"frame", {"name", "attached_to"}},
+      {"joint", {"name", "type"}}, {"collision", {"name"}},   {"pose", {"relative_to", "degrees", "rotation_format", "frame"}},
+      {"inertial", {"auto"}},      {"xyz", {"expressed_in"}}, {"mimic", {"joint", "axis"}}};
+  static const std::set<std::string> kOthers{
+      "visual",  "light",   "sensor",          "plugin",     "gui",  "scene",
+      "physics", "gripper", "projector",       "audio_sink", "road", "audio_source",
+      "state",   "battery", "population",      "atmosphere", "wind", "spherical_coordinates",
+      "texture", "blend",   "particle_emitter"};
+  if (!element.space.empty() || kOthers.contains(element.name)) return;
+  const auto read = kRead.find(element.name);
+  xml::check_attributes(element, read != kRead.end() ? read->second : std::vector<std::string>{},
+                        [&](const std::string& place, const std::string& what) { warn(place, what + "; it is ignored"); });
+  if (element.name == "pose" && !xml::text(element, "frame", "").empty())
+    warn(element.place, "<pose frame=\"" + xml::text(element, "frame", "") +
+                            "\">: the frame is not read, the pose is as without it; "
+                            "expected relative_to (SDF 1.7)");
+  for (const xml::Element& c : element.children) check_attributes(c, warn);
 }
 
 }  // namespace cotwin::scene::sdf

@@ -24,6 +24,8 @@ const xml::Element& required(const xml::Element& element, const char* name, cons
 
 /// Content of an element. Throws Error if it is invalid or not finite.
 double number(const xml::Element& element);
+/// The same of a child; it may be infinite. `none` if there is no child, and for what means no limit in SDF: a magnitude of 10¹⁶ or more.
+double limit(const xml::Element& parent, const char* name, double none);
 std::vector<double> numbers(const xml::Element& element, std::size_t count);
 Eigen::Vector3d vector(const xml::Element& element);
 bool boolean(const xml::Element& element);
@@ -39,5 +41,7 @@ Pose own_pose(const xml::Element& parent);
 /// Warns of every child that is neither in `understood` nor in `silent` (irrelevant for contacts). Throws Error for children of
 /// cotwin's namespace that are not in `ours`.
 void check_children(const xml::Element& element, Names understood, Names silent, Names ours, const Warn& warn);
+/// Warns of attributes that are not read, of an element and of those inside it that are read.
+void check_attributes(const xml::Element& element, const Warn& warn);
 
 }  // namespace cotwin::scene::sdf

@@ -487,8 +487,8 @@ TEST(Sdf, JointsReachIntoNestedModels) {
 
 TEST(Sdf, WarnsOfIgnoredElements) {
   EXPECT_THAT(
-      warnings_of(world("<physics name=\"p\" type=\"ode\"/>" + model("m", link("a", "<gravity>false</gravity>")))),
-      ElementsAre(HasSubstr("test.sdf:2: <physics> in <world> is ignored"), HasSubstr("<gravity> in <link> is ignored")));
+      warnings_of(world("<physics name=\"p\" type=\"ode\"/>" + model("m", link("a", "<enable_wind>true</enable_wind>")))),
+      ElementsAre(HasSubstr("test.sdf:2: <physics> in <world> is ignored"), HasSubstr("<enable_wind> in <link> is ignored")));
   EXPECT_THAT(warnings_of(world(model("m", "<plugin name=\"p\" filename=\"f\"/>" + link("a")))),
               ElementsAre(HasSubstr("<plugin> in <model>")));
   const std::string slip =
