@@ -106,11 +106,11 @@ TEST_F(ClearOfScenes, KnowOtherRobotsAtTheirPlacesAndTimes) {
   EXPECT_EQ(early["nearest"]["obstacle"].get<std::string>().substr(0, 6), "right/");
 }
 
-// A bar of 1.2 m reaches the post, which the links alone pass at 0.5 m and more.
+// A bar of 1.2 m reaches the post, which the links alone pass at 0.16 m.
 TEST_F(ClearOfScenes, KnowToolsOfTheRobotAndOfOthers) {
-  const json away{{"scene", "post"}, {"base", {{"p_m", {0, -0.6, 0}}}}};
+  const json away{{"scene", "post"}, {"base", {{"p_m", {-0.3, 0, 0}}}}};
   const auto with = [](json clear_of, json tool) {
-    clear_of["tools"] = {tool};
+    clear_of["tools"] = json::array({tool});
     return json{{"clear_of", clear_of}};
   };
   const json bar{{"name", "bar"}, {"frame", "link_7"}, {"p_m", {0, 0, 0.7}}, {"box_m", {0.05, 0.05, 1.2}}};
@@ -142,9 +142,9 @@ TEST_F(ClearOfScenes, KnowToolsOfTheRobotAndOfOthers) {
   json right{{"robot", "lwr4"},
              {"base", {{"p_m", {1.9, 0, 0}}, {"quaternion_wxyz", {0, 0, 0, 1}}}},
              {"q_rad", {0, -1.2, 0, 0.9, 0, -0.3, 0}}};
-  EXPECT_EQ(ask({{"clear_of", {{"robots", {right}}}}})["clear_of"]["clear"], true);
-  right["tools"] = {bar};
-  EXPECT_EQ(ask({{"clear_of", {{"robots", {right}}}}})["clear_of"]["nearest"]["obstacle"], "lwr4/bar");
+  EXPECT_EQ(ask({{"clear_of", {{"robots", json::array({right})}}}})["clear_of"]["clear"], true);
+  right["tools"] = json::array({bar});
+  EXPECT_EQ(ask({{"clear_of", {{"robots", json::array({right})}}}})["clear_of"]["nearest"]["obstacle"], "lwr4/bar");
   json back = bar;
   back["p_m"] = {0, 0, -0.6};
   EXPECT_EQ(ask(with({{"self", true}}, back))["clear_of"]["clear"], false);
@@ -155,7 +155,8 @@ TEST_F(ClearOfScenes, KnowToolsOfTheRobotAndOfOthers) {
     tool.update(change);
     return error_of([&] { ask(with(away, tool)); });
   };
-  EXPECT_THAT(refused({{"frame", "link_8"}}), HasSubstr("/clear_of/tools/0/frame: robot 'lwr4' has no frame 'link_8'"));
+  EXPECT_THAT(refused({{"frame", "link_8"}}),
+              HasSubstr("/clear_of/tools/0/frame: robot 'lwr4_published_fit': no frame 'link_8', did you mean"));
   EXPECT_THAT(refused({{"urdf", "x.urdf"}}), HasSubstr("/clear_of/tools/0/urdf: is given beside box_m"));
   EXPECT_THAT(refused({{"box_m", {1, 0, 1}}}), HasSubstr("/clear_of/tools/0/box_m: has an edge of 0 or less"));
   EXPECT_THAT(refused({{"name", "link_3"}}), HasSubstr("/clear_of/tools/0/name: 'link_3' is there twice"));
