@@ -95,7 +95,12 @@ std::vector<Assignment> Reader::mapped(const ParameterSet& set, const std::strin
     by_name.emplace(prefix + v.name, values.size());
     values.push_back({v, {}});
     values.back().value.name = prefix + v.name;
-    if (!v.unit.empty()) values.back().value.unit = known_unit(units, v.unit, v.place);
+    std::string& unit = values.back().value.unit;
+    if ((unit == "None" || unit == "none") && units.find(unit) == nullptr) {  // as some tools write
+      complain_(v.place, "unit of measure '" + unit + "' of '" + v.name + "' is none: its number is taken as it is");
+      unit.clear();
+    }
+    if (!unit.empty()) unit = units_.intern(units, unit, v.place);
   }
   if (mapping == nullptr) return values;
 

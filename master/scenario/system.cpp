@@ -247,12 +247,9 @@ std::vector<Connector> Reader::connectors(const xml::Element& list, const char* 
 std::string Reader::unit_of(const xml::Element& type, const Document& document) {
   const std::string name = xml::text(type, "unit", "");
   xml::check_attributes(type, {"unit"}, complain_);
-  return name.empty() ? "" : known_unit(document.units, name, type.place);
-}
-
-std::string Reader::known_unit(const UnitDefinitions& units, const std::string& name, const std::string& place) {
+  if (name.empty()) return "";
   try {
-    return units_.intern(units, name, place);
+    return units_.intern(document.units, name, type.place);
   } catch (const Error& error) {
     complain_("", error.what());
     return "";  // as if no unit were given: the variable's declared unit applies

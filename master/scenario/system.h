@@ -108,8 +108,6 @@ class Reader {
   std::vector<Connector> connectors(const xml::Element& list, const char* item, const char* item_space,
                                     const Document& document);
   std::string unit_of(const xml::Element& type, const Document& document);
-  /// The name of a unit of measure in the table; "" with a warning for one that nobody defines.
-  std::string known_unit(const UnitDefinitions& units, const std::string& name, const std::string& place);
   std::vector<Connection> connections(const xml::Element& list);
   void bindings(Element& element, const xml::Element& list, const Document& document);
   std::vector<Assignment> mapped(const ParameterSet& set, const std::string& prefix, const xml::Element* mapping,

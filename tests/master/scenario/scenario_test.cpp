@@ -719,6 +719,8 @@ INSTANTIATE_TEST_SUITE_P(
         Bad{"Type", bound("<d:ParameterBinding type='text/csv' source='x.csv'/>"), "f.ssd:3: type 'text/csv' is not supported"},
         Bad{"InsideComponent", bound("<d:ParameterBinding source='x.ssv' sourceBase='component'/>"),
             "f.ssd:3: 'x.ssv' is inside the component"},
+        Bad{"Unit", bound(inline_set("<v:Parameter name='K'><v:Real value='1' unit='furlong'/></v:Parameter>")),
+            "f.ssd:3: unit of measure 'furlong': unknown symbol 'furlong', and the file does not define it"},
         Bad{"TargetTwice", mapping("<m:MappingEntry source='K' target='x'/>\n<m:MappingEntry source='n' target='x'/>"),
             "f.ssd:5: a second entry maps to 'x'"},
         Bad{"NotInTheTable",
@@ -832,9 +834,8 @@ TEST(SystemStructure, WithoutTheCotwinAnnotationIsReadLeniently) {
                           "f.ssd:2: 'flavour' is not an attribute of 'Connector'",
                           "f.ssd:2: unit of measure 'furlong': unknown symbol 'furlong', and the file does not define it"));
   EXPECT_EQ(s.components[0].connectors[0].unit, "");
-  const Scenario values = parse(bound(inline_set("<v:Parameter name='K'><v:Real value='1' unit='furlong'/></v:Parameter>")));
-  EXPECT_THAT(values.warnings,
-              ElementsAre("f.ssd:3: unit of measure 'furlong': unknown symbol 'furlong', and the file does not define it"));
+  const Scenario values = parse(bound(inline_set("<v:Parameter name='K'><v:Real value='1' unit='None'/></v:Parameter>")));
+  EXPECT_THAT(values.warnings, ElementsAre("f.ssd:3: unit of measure 'None' of 'K' is none: its number is taken as it is"));
   EXPECT_EQ(values.components[0].start_values[0].unit, "");
 }
 
