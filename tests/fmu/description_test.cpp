@@ -313,8 +313,9 @@ TEST(CheckDescription, FindsWhatTheStandardForbids) {
   const auto aliases = [&](const std::string& second) {
     return texts(fmi2(scalar("a", 1, "<Real start='1'/>") + scalar("b", 1, second)));
   };
-  EXPECT_THAT(aliases("<Real start='2'/>"), Contains("variables 'a' and 'b' have the same value reference 1 and different start "
-                                                     "values, expected one start value"));
+  EXPECT_THAT(aliases("<Real start='2'/>"),
+              Contains("variables 'a' and 'b' have the same value reference 1 and different start "
+                       "values, expected one start value"));
   EXPECT_THAT(aliases("<Real start='1'/>"), Contains(HasSubstr("the same value reference 1 and a start value each")));
   EXPECT_THAT(aliases("<Integer start='2'/>"), ::testing::Not(Contains(HasSubstr("value reference"))));
   EXPECT_THAT(texts(fmi3("<Float64 name='a' valueReference='1' causality='input' start='1' min='2'/>")),
