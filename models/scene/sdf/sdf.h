@@ -34,7 +34,7 @@ namespace cotwin::scene {
 /// cotwin:foundation has young_modulus (Pa) and thickness (m), which give the pressure per depth, damping (Pa.s/m) and yield_stress
 /// (Pa); or, of the whole contact whatever its area, stiffness (N/m), damping (N.s/m) and yield_force (N). Besides breakthrough
 /// (m): where the contact is deeper, the surface is pierced and carries nothing.
-/// Visuals, lights, sensors, plugins and windows are ignored. Other elements and attributes are ignored with a warning, or are errors where ignoring
+/// Visuals, lights, sensors and windows are ignored. Other elements and attributes are ignored with a warning, or are errors where ignoring
 /// them would change the scene. The link of a model with a single link gets the model's name, other links get model.link. The name of the
 /// scene is that of its world or model. The result is checked (scene.h). Throws Error `file:line: …`.
 Scene load(const std::filesystem::path& file, std::vector<std::string>* warnings = nullptr);
