@@ -96,8 +96,9 @@ void Motion::declare(Variables& v) {
   if (override_) override_->declare(v);
   if (!axes_.empty()) {
     joints.parameter("dq_limit", dq_limit_, "rad/s", "velocity limit; 0: the robot's").range(0, 1e9);
-    joints.parameter("ddq_limit", ddq_limit_, "rad/s2", "acceleration limit; 0: none").range(0, 1e12);
-    joints.parameter("dddq_limit", dddq_limit_, "rad/s3", "jerk limit; 0: none").range(0, 1e15);
+    joints.parameter("ddq_limit", ddq_limit_, "rad/s2", "acceleration limit; 0: that of the robot, if it has one")
+        .range(0, 1e12);
+    joints.parameter("dddq_limit", dddq_limit_, "rad/s3", "jerk limit; 0: that of the robot, if it has one").range(0, 1e15);
   }
   if (source_) std::visit([&](auto& source) { source.declare(v, joints); }, *source_);
   if (poses_) poses_->declare(v);

@@ -27,7 +27,7 @@ double in_measure_of(const FoundElement& found, double value, const ParameterVal
   const si::Measure to = si::parse(si);
   if (!si::convertible(from, to)) throw Error(given.place, given.name + ": " + given.unit + " cannot give " + si);
   const si::Conversion c = si::conversion(from, to);
-  return c.factor * value + c.offset;
+  return c.factor * value + (variable.relative ? 0 : c.offset);
 }
 
 }  // namespace

@@ -176,6 +176,11 @@ Variables::Declared& Variables::Declared::initially_from(std::vector<std::string
   return *this;
 }
 
+Variables::Declared& Variables::Declared::relative() {
+  list_.list_[index_].relative = true;
+  return *this;
+}
+
 Variables::Declared& Variables::Declared::discrete() {
   Variable& variable = list_.list_[index_];
   if (variable.role != Role::kOutput || variable.kind() != Kind::kReal) {

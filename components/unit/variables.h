@@ -57,6 +57,7 @@ struct Variable {
   std::optional<std::vector<std::string>>
       initial_inputs;         // of an output: on these its value after initialise depends; no value: on all
   std::string derivative_of;  // name of the variable whose first time derivative this one is; else empty
+  bool relative = false;      // of a real: a difference, whose units of measure have no offset (FMI: relativeQuantity)
   bool discrete = false;      // of a real output: not a point of a curve (a mean over the step); inputs hold it
   bool essential =
       false;  // of an input, parameter or state: without a connection, a start value or an event the unit cannot be used
@@ -112,6 +113,8 @@ class Variables {
     /// The typical magnitude of the real variable, in its unit of measure. It is not part of the fingerprint. Throws Error if
     /// it is not positive and finite, or the variable not real.
     Declared& nominal(double magnitude);
+    /// The real variable is a difference: 5 degC are 5 K.
+    Declared& relative();
     /// Names and units of measure of the elements; nullptr: none. Throws Error if there are not as many as elements.
     Declared& elements(std::shared_ptr<const Elements> elements);
     /// The values of the real variable are 64-bit integers; `storage` keeps those of a text that double does not have.

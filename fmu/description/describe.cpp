@@ -139,6 +139,7 @@ ModelVariable make_variable(const Variable& v, std::size_t first, std::size_t co
   if (v.kind() == Kind::kReal) {
     out.numeric.unit = v.si_of(first);
     if (v.nominal > 0) out.numeric.nominal = v.nominal;
+    out.numeric.relative_quantity = v.relative;
     if (const Quantity* q = quantity_of(v.si_of(first))) out.declared_type = q->name;
   }
   if (v.kind() == Kind::kReal || v.kind() == Kind::kInteger) {

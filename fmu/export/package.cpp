@@ -6,7 +6,7 @@ namespace cotwin::fmu {
 
 namespace {
 
-constexpr std::uint64_t kPackageMagic = 0x36554d4657544f43u;  // the bytes "COTWFMU6": the format and its version
+constexpr std::uint64_t kPackageMagic = 0x37554d4657544f43u;  // the bytes "COTWFMU7": the format and its version
 
 template <class Matrix>
 void put(ByteWriter& out, const Matrix& m) {
@@ -45,7 +45,8 @@ void put(ByteWriter& out, const robot::Joint& joint) {
   out.value(static_cast<std::int32_t>(joint.parent));
   put(out, joint.X_PJ);
   put(out, joint.axis);
-  for (const double limit : {joint.q_min, joint.q_max, joint.dq_max, joint.tau_max, joint.damping, joint.friction})
+  for (const double limit :
+       {joint.q_min, joint.q_max, joint.dq_max, joint.ddq_max, joint.dddq_max, joint.tau_max, joint.damping, joint.friction})
     out.value(limit);
   out.value(static_cast<std::int32_t>(joint.passive));
 }
@@ -56,7 +57,8 @@ void get(ByteReader& in, robot::Joint& joint) {
   joint.parent = in.value<std::int32_t>();
   get(in, joint.X_PJ);
   get(in, joint.axis);
-  for (double* limit : {&joint.q_min, &joint.q_max, &joint.dq_max, &joint.tau_max, &joint.damping, &joint.friction}) {
+  for (double* limit : {&joint.q_min, &joint.q_max, &joint.dq_max, &joint.ddq_max, &joint.dddq_max, &joint.tau_max,
+                        &joint.damping, &joint.friction}) {
     *limit = in.value<double>();
   }
   joint.passive = in.value<std::int32_t>() != 0;

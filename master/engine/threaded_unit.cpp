@@ -126,6 +126,7 @@ void ThreadedUnit::declare(Variables& v) {
     auto declared = declare_as(variable, v, outer);
     declared.elements(variable.elements).range(variable.min, variable.max);
     if (variable.nominal > 0) declared.nominal(variable.nominal);
+    if (variable.relative) declared.relative();
     if (now.essential) declared.essential();
     if (now.required) declared.required();
     if (!variable.derivative_of.empty()) declared.derivative_of(variable.derivative_of);

@@ -152,6 +152,7 @@ void Twin::declare(Variables& variables) {
             auto declared = declare_as(role, variables, name, storage, v);
             declared.elements(v.elements).range(v.min, v.max);
             if (v.nominal > 0) declared.nominal(v.nominal);
+            if (v.relative) declared.relative();
             if (role == Role::kOutput && v.has_start) declared.start();
             if (role == Role::kOutput && v.discrete) declared.discrete();
             if (role == Role::kOutput) declared.initially_from(initial.of(member, v));

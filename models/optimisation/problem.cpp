@@ -112,10 +112,10 @@ Bounds bounds_of(const robot::RobotModel& robot, const Bounds& own) {
     b.q_min.push_back(joint.q_min);
     b.q_max.push_back(joint.q_max);
     b.dq.push_back(joint.dq_max);
+    b.ddq.push_back(joint.ddq_max);
+    b.dddq.push_back(joint.dddq_max);
     b.tau.push_back(joint.tau_max);
   }
-  b.ddq.assign(robot.joints.size(), std::numeric_limits<double>::infinity());
-  b.dddq = b.ddq;
   for (auto each : {&Bounds::q_min, &Bounds::q_max, &Bounds::dq, &Bounds::ddq, &Bounds::dddq, &Bounds::tau})
     if (!(own.*each).empty()) b.*each = own.*each;
   return b;

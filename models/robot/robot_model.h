@@ -24,6 +24,8 @@ struct Joint {
   double q_min = -std::numeric_limits<double>::infinity();  // rad or m
   double q_max = +std::numeric_limits<double>::infinity();
   double dq_max = +std::numeric_limits<double>::infinity();   // rad/s or m/s
+  double ddq_max = +std::numeric_limits<double>::infinity();  // rad/s² or m/s²; URDF 1.2
+  double dddq_max = +std::numeric_limits<double>::infinity();
   double tau_max = +std::numeric_limits<double>::infinity();  // N.m or N
   double damping = 0;                                         // URDF <dynamics damping>, N.m.s/rad or N.s/m
   double friction = 0;                                        // URDF <dynamics friction>, N.m or N

@@ -18,6 +18,8 @@ std::vector<Axis> axes_of(const robot::RobotModel& robot) {
     axis.q_min = joint.q_min;
     axis.q_max = joint.q_max;
     axis.dq_max = joint.dq_max;
+    axis.ddq_max = joint.ddq_max;
+    axis.dddq_max = joint.dddq_max;
     axis.tau_max = joint.tau_max;
     axes.push_back(axis);
   }

@@ -74,6 +74,8 @@ Json robot_json(const services::Robot& robot) {
                       {"q_min_" + m, limit(j.q_min)},
                       {"q_max_" + m, limit(j.q_max)},
                       {"dq_max_" + m + "_per_s", limit(j.dq_max)},
+                      {"ddq_max_" + m + "_per_s2", limit(j.ddq_max)},
+                      {"dddq_max_" + m + "_per_s3", limit(j.dddq_max)},
                       {slides ? "tau_max_N" : "tau_max_Nm", limit(j.tau_max)}});
   }
   return {{"name", robot.name},
@@ -159,7 +161,9 @@ void add_service_routes(http::Router& router, services::Robots& robots, const st
       "q_min_rad": {"type": ["number", "null"]}, "q_max_rad": {"type": ["number", "null"]},
       "dq_max_rad_per_s": {"type": ["number", "null"]}, "tau_max_Nm": {"type": ["number", "null"]},
       "q_min_m": {"type": ["number", "null"]}, "q_max_m": {"type": ["number", "null"]},
-      "dq_max_m_per_s": {"type": ["number", "null"]}, "tau_max_N": {"type": ["number", "null"]}},
+      "dq_max_m_per_s": {"type": ["number", "null"]}, "tau_max_N": {"type": ["number", "null"]},
+      "ddq_max_rad_per_s2": {"type": ["number", "null"]}, "dddq_max_rad_per_s3": {"type": ["number", "null"]},
+      "ddq_max_m_per_s2": {"type": ["number", "null"]}, "dddq_max_m_per_s3": {"type": ["number", "null"]}},
     "required": ["name", "type"], "additionalProperties": false,
     "if": {"properties": {"type": {"const": "revolute"}}}, "then": {"required": ["q_min_rad", "q_max_rad", "dq_max_rad_per_s", "tau_max_Nm"]},
     "else": {"required": ["q_min_m", "q_max_m", "dq_max_m_per_s", "tau_max_N"]}})");

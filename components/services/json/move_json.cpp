@@ -174,12 +174,12 @@ Move read_goal(const Robot& robot, Reader& r, bool posture) {
   for (const auto& [plain, q] : {std::pair{"from_q", &m.from_q}, {"to_q", &m.to_q}})
     if (!own_limits && !q->empty() && !r.gives((std::string(plain) + "_deg").c_str()))
       refuse_degrees(robot.model, r, plain, *q);
-  constexpr const char *kBound = "bound, null: none", *kReplaced = "bound in place of the robot's, null: none";
+  constexpr const char* kReplaced = "bound in place of the robot's, null: none";
   m.bounds.q_min = units.read_bounds(r, "q_min", 0, -kNone, kReplaced);
   m.bounds.q_max = units.read_bounds(r, "q_max", 0, kNone, kReplaced);
   m.bounds.dq = units.read_bounds(r, "dq_max", 1, kNone, kReplaced);
-  m.bounds.ddq = units.read_bounds(r, "ddq_max", 2, kNone, kBound);
-  m.bounds.dddq = units.read_bounds(r, "dddq_max", 3, kNone, kBound);
+  m.bounds.ddq = units.read_bounds(r, "ddq_max", 2, kNone, kReplaced);
+  m.bounds.dddq = units.read_bounds(r, "dddq_max", 3, kNone, kReplaced);
   m.bounds.tau =
       units.read_bounds(r, "tau_max", 4, kNone, "bound of the motors behind the gears in place of the robot's, null: none");
   if (r.word("drives", {"robot", "none"}, "whether inertia and friction of the motors count") == "robot")

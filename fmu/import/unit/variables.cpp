@@ -264,7 +264,8 @@ void ForeignVariables::measure(Item& item, const Numeric& numeric, const Descrip
       warnings_.push_back("unit '" + numeric.unit + "' is not defined: its values are not converted");
     return;
   }
-  if (numeric.relative_quantity) m.offset = 0;
+  item.relative = numeric.relative_quantity;
+  if (item.relative) m.offset = 0;
   const bool keeps_name = readable && by_name.exponents == m.exponents && by_name.factor == 1 && by_name.offset == 0 &&
                           m.factor == 1 && m.offset == 0;
   item.si = keeps_name ? numeric.unit : text_of(m.exponents);
@@ -443,6 +444,7 @@ void ForeignVariables::declare(Variables& variables) {
       if (!item.element_si.empty()) declared.elements(std::make_shared<const Elements>(Elements{{}, item.element_si}));
       if (is_wide(item.type)) declared.exact(exact_);
       if (item.nominal > 0) declared.nominal(item.nominal);
+      if (item.relative) declared.relative();
       if (item.role == Role::kOutput && item.settable) declared.start();
       if (item.role == Role::kOutput && item.kind == Kind::kReal && !item.continuous) declared.discrete();
       if (const Item* of = antiderivative(item, first)) declared.derivative_of(of->name);

@@ -145,6 +145,7 @@ class ForeignVariables {
     std::vector<std::uint32_t> clocks;         // if not empty: exchanged only while one of these is active
     std::vector<std::uint32_t> derivative_of;  // value references of the variables whose derivatives these are
     std::size_t size = 0, first = 0;           // number of elements, index of the first in the storage of the kind
+    bool relative = false;                     // a difference
     double factor = 1, offset = 0;             // SI value = factor · FMU value + offset
     double min = 0, max = 0;
     double nominal = 0;                          // in SI; 0: not given

@@ -49,8 +49,8 @@ void ForeignVariables::collect_vectors(std::vector<Item>& items) const {
     const bool alike = std::all_of(family.members.begin(), family.members.end(), [&](std::size_t m) {
       const Item& i = items[m];
       return i.role == first.role && i.type == first.type && i.exchange == first.exchange && i.si.empty() == first.si.empty() &&
-             i.factor == first.factor && i.offset == first.offset && i.min == first.min && i.max == first.max &&
-             i.rate_references.size() == first.rate_references.size() && i.settable == first.settable &&
+             i.factor == first.factor && i.offset == first.offset && i.relative == first.relative && i.min == first.min &&
+             i.max == first.max && i.rate_references.size() == first.rate_references.size() && i.settable == first.settable &&
              i.interpolated == first.interpolated && i.derivative_of.size() == first.derivative_of.size() &&
              i.start.index() == first.start.index();
     });

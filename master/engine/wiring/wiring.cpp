@@ -33,12 +33,12 @@ class Resolver {
   }
 
   /// Conversion between two named measures; identity if one of them is "", unknown.
-  si::Conversion convert(const std::string& from, const std::string& to, const std::string& place,
+  si::Conversion convert(const std::string& from, const std::string& to, bool relative, const std::string& place,
                          const std::string& what) const {
     if (from.empty() || to.empty() || from == to) return {};
     const si::Measure a = measure(from), b = measure(to);
     if (!si::convertible(a, b)) fail(place, what + ": " + from + " cannot feed " + to);
-    return si::conversion(a, b);
+    return {si::conversion(a, b).factor, relative ? 0 : si::conversion(a, b).offset};
   }
 
   /// The variable of the same member that is the time derivative of `signal`, nullptr if there is none.
@@ -94,15 +94,16 @@ ResolvedConnection Resolver::resolve(const ConnectionSpec& connection) {
   }
 
   if (to.kind() == Kind::kReal) {
+    const bool relative = from.relative || to.relative;
     const std::size_t measures = from.mixed() || to.mixed() ? link.from.count : 1;
     for (std::size_t i = 0; i < measures; ++i) {
       const std::string &a = from.si_of(link.from.first + i), &b = to.si_of(link.to.first + i);
       const std::string element = measures == 1 ? what : what + ", element " + std::to_string(i + 1);
       const std::string &from_si = measure_at(connection.from, a), &to_si = measure_at(connection.to, b);
-      si::Conversion total = convert(a, from_si, place, element);
-      if (!connection.suppress_unit_conversion) total = then(total, convert(from_si, to_si, place, element));
+      si::Conversion total = convert(a, from_si, from.relative, place, element);
+      if (!connection.suppress_unit_conversion) total = then(total, convert(from_si, to_si, relative, place, element));
       total = then(total, {connection.factor, connection.offset});
-      total = then(total, convert(to_si, b, place, element));
+      total = then(total, convert(to_si, b, to.relative, place, element));
       if (i > 0 && (total.factor != link.factor || total.offset != link.offset))
         fail(place, element + ": is converted otherwise than those before, expected a connection of its own");
       link.factor = total.factor;

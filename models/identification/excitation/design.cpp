@@ -35,7 +35,8 @@ std::vector<Limits> limits_of(const robot::RobotModel& robot, const DesignOption
     if (joint.passive)
       throw Error("excitation: " + joint.name, "is passive, expected a motor at every joint: the motion is prescribed");
     constexpr double kTurn = 3.14;  // rad; range to either side of a joint without limits
-    Limits l{joint.q_min, joint.q_max, std::min(joint.dq_max, options.dq_max), options.ddq_max, joint.tau_max};
+    Limits l{joint.q_min, joint.q_max, std::min(joint.dq_max, options.dq_max), std::min(joint.ddq_max, options.ddq_max),
+             joint.tau_max};
     if (!std::isfinite(l.q_min)) l.q_min = -kTurn;
     if (!std::isfinite(l.q_max)) l.q_max = kTurn;
     if (!options.q_min.empty()) l.q_min = std::max(l.q_min, options.q_min[j]);

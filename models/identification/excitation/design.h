@@ -23,7 +23,7 @@ struct DesignOptions {
   double period = 10;  // s
   int harmonics = 5;
   double share = 0.9;                                       // of every limit, used by the motion
-  double ddq_max = 10;                                      // rad/s²; the URDF has none
+  double ddq_max = 10;                                      // rad/s², in addition to the limit of the URDF
   double dq_max = std::numeric_limits<double>::infinity();  // rad/s, in addition to the limit of the URDF
   std::vector<double> q_min, q_max;                         // n, or empty: limits narrower than those of the URDF
   Criterion criterion = Criterion::kCondition;

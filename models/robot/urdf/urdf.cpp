@@ -169,6 +169,9 @@ void Builder::read_limits(Joint& to, const urdf::Joint& joint, const std::string
     return std::numeric_limits<double>::infinity();
   };
   to.dq_max = limit_of(joint.limits->velocity, "velocity");
+  const UrdfDocument::Joint& written = document_.joints.at(joint.name);
+  if (written.acceleration > 0) to.ddq_max = written.acceleration;
+  if (written.jerk > 0) to.dddq_max = written.jerk;
   to.tau_max = limit_of(joint.limits->effort, "effort");
 }
 

@@ -266,8 +266,16 @@ void Reader::limits(XMLElement& element, UrdfDocument::Joint& joint) {
     return;
   }
   joint.limit_line = limit->GetLineNum();
-  keep_attributes(*limit, {"lower", "upper", "effort", "velocity"});
+  keep_attributes(*limit, {"lower", "upper", "effort", "velocity", "acceleration", "deceleration", "jerk"});
   keep_children(*limit, {});
+  for (const char* attribute : {"acceleration", "deceleration", "jerk"}) {
+    if (limit->Attribute(attribute) == nullptr) continue;
+    const double value = number(limit->Attribute(attribute), *limit, attribute);
+    if (value < 0) joint.negative = attribute;
+    double& to = attribute == std::string_view("jerk") ? joint.jerk : joint.acceleration;
+    if (value > 0 && value < kNoLimit) to = to > 0 ? std::min(to, value) : value;
+    limit->DeleteAttribute(attribute);  // urdfdom does not know it
+  }
   const auto value_of = [&](const char* attribute, double missing) {
     const char* const written = limit->Attribute(attribute);
     const double value = written == nullptr ? missing : number(written, *limit, attribute);

@@ -32,7 +32,8 @@ struct UrdfDocument {
     int mimic_line = 0;
     double multiplier = 1, offset = 0;
     bool passive = false;
-    std::string negative;  // the limit of effort or velocity that is negative; "": none
+    std::string negative;               // the limit that is negative and must not be; "": none
+    double acceleration = 0, jerk = 0;  // limits (URDF 1.2), the smaller one of acceleration and deceleration; 0: none
     int limit_line = 0;
 
     bool moves() const { return type != "fixed"; }

@@ -149,6 +149,8 @@ void Writer::joint(int body) {
   }
   limit("effort", joint.tau_max);
   limit("velocity", joint.dq_max);
+  if (std::isfinite(joint.ddq_max)) limit("acceleration", joint.ddq_max);
+  if (std::isfinite(joint.dddq_max)) limit("jerk", joint.dddq_max);
   printer_.CloseElement();
   if (joint.damping != 0 || joint.friction != 0) {
     printer_.OpenElement("dynamics");

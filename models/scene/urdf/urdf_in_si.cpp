@@ -111,7 +111,8 @@ class Converter {
     if (XMLElement* const limit = element.FirstChildElement("limit")) {
       scale(*limit, "lower", position);
       scale(*limit, "upper", position);
-      scale(*limit, "velocity", slides ? units_.length : units_.speed);
+      for (const char* rate : {"velocity", "acceleration", "deceleration", "jerk"})
+        scale(*limit, rate, slides ? units_.length : units_.speed);
     }
     if (XMLElement* const mimic = element.FirstChildElement("mimic")) {
       const auto leader = slides_.find(text_of(*mimic, "joint"));

@@ -127,6 +127,16 @@ TEST(Apply, WritesAParameterSetAndConvertsItsMeasures) {
   EXPECT_THAT(line.variables.at("x").reals(), ::testing::ElementsAre(1.0, 0.25, 4.0));
 }
 
+TEST(Apply, TakesNoOffsetForADifference) {
+  std::vector<double> dT(1), T(1);
+  Variables v;
+  v.parameter("dT", dT, "K", "difference of temperatures").relative();
+  v.parameter("T", T, "K", "temperature");
+  apply(ParameterSet{"", {{"dT", 5.0, "degC", "a.ssv:1"}, {"T", 5.0, "degC", "a.ssv:2"}}, {}}, v);
+  EXPECT_EQ(dT[0], 5);
+  EXPECT_EQ(T[0], 278.15);
+}
+
 TEST(Apply, NamesThePlaceOfAnInvalidValue) {
   const Instance line = make_unit("unit:line", {}, {}, kTypes);
   const auto applying = [&](ParameterValue value) {
