@@ -203,6 +203,8 @@ TEST(ForeignUnits, AreReadByDefinitionThenByNameAndOtherwiseKept) {
   EXPECT_DOUBLE_EQ(value("b"), 1e-3);
   EXPECT_DOUBLE_EQ(value("d"), 293.15);
   EXPECT_DOUBLE_EQ(value("e"), 20);
+  EXPECT_TRUE(v.at("e").relative);
+  EXPECT_FALSE(v.at("d").relative);
   EXPECT_EQ(v.at("f").si, "m");
   EXPECT_DOUBLE_EQ(value("f"), 3.404);
   EXPECT_DOUBLE_EQ(v.at("f").min, 1.702);

@@ -18,11 +18,13 @@ namespace cotwin::testing {
 /// y = gain · u + bias without delay, also at initialisation.
 class Gain final : public Unit {
  public:
-  /// `elements`: of u and y; nullptr: all are in rad.
-  explicit Gain(std::size_t n, std::shared_ptr<const Elements> elements = {}) : u_(n), y_(n), elements_(std::move(elements)) {}
+  /// `elements`: of u and y; nullptr: all are in rad. `relative`: u and y are differences.
+  explicit Gain(std::size_t n, std::shared_ptr<const Elements> elements = {}, bool relative = false)
+      : u_(n), y_(n), elements_(std::move(elements)), relative_(relative) {}
   void declare(Variables& v) override {
-    v.input("u", u_, "rad", "what comes in").elements(elements_);
-    v.output("y", y_, "rad", "gain times u plus bias").elements(elements_);
+    for (auto declared : {v.input("u", u_, "rad", "what comes in").elements(elements_),
+                          v.output("y", y_, "rad", "gain times u plus bias").elements(elements_)})
+      if (relative_) declared.relative();
     v.tunable("gain", gain_, "1", "factor").range(-1e6, 1e6);
     v.parameter("bias", bias_, "rad", "offset");
   }
@@ -38,6 +40,7 @@ class Gain final : public Unit {
   }
   std::vector<double> u_, y_;
   std::shared_ptr<const Elements> elements_;
+  bool relative_;
   double gain_ = 1, bias_ = 0;
 };
 
@@ -357,6 +360,8 @@ inline std::span<const UnitType> test_types() {
       {"gain", "y = gain u + bias",
        [](Settings& s) -> std::unique_ptr<Unit> { return std::make_unique<Gain>(static_cast<std::size_t>(s.integer("n"))); },
        [](SettingList& s) { s.integer("n", 1, 1, 1000, "number of elements"); }},
+      {"difference", "a gain of a difference",
+       [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Gain>(1, nullptr, true); }},
       {"arm", "a gain of three joints, of which the second one slides",
        [](Settings&) -> std::unique_ptr<Unit> {
          return std::make_unique<Gain>(

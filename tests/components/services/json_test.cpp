@@ -246,6 +246,17 @@ TEST(ServiceReplies, FindTheShortestCycleOfASingleJointInClosedForm) {
                                     {"to_q_deg", {180 / M_PI}},
                                     {"dq_max_rad_per_s", {0.5}}});
   EXPECT_NEAR(degrees["T_s"].get<double>(), 1.875 * 2 / 0.5, 1e-6);
+  // The same wheel with <limit acceleration>: a bound of its own, which null lifts.
+  std::string slow = testing::content(folder.path() / "wheel.urdf");
+  slow.replace(slow.find("effort"), 0, "acceleration=\"0.5\" ");
+  folder.write("slow.urdf", slow);
+  const json braked{{"service", "cycle_time"}, {"robot", "slow"}, {"from_q_rad", {-1}}, {"to_q_rad", {1}}};
+  const json at_acceleration = ask(robots, braked);
+  EXPECT_NEAR(at_acceleration["T_s"].get<double>(), std::sqrt(10 / std::sqrt(3.0) * 2 / 0.5), 1e-6);
+  EXPECT_EQ(at_acceleration["limiting"]["bound"], "ddq");
+  json free = braked;
+  free["ddq_max_rad_per_s2"] = {nullptr};
+  EXPECT_EQ(ask(robots, free)["limiting"]["bound"], "tau");
   // No duration meets a bound of position.
   const json none = ask(robots, {{"service", "cycle_time"}, {"robot", "wheel"}, {"from_q_rad", {0}}, {"to_q_rad", {3.5}}});
   EXPECT_FALSE(none["feasible"]);

@@ -97,6 +97,26 @@ TEST(Wiring, UsesUnitsOfMeasureThatTheScenarioDefines) {
   EXPECT_NEAR(value(master, "b.u"), 4 / (2 * std::acos(-1.0)), 1e-15);
 }
 
+TEST(Wiring, TakesNoOffsetForADifference) {
+  UnitDefinition shifted;  // rad = 2 · number + 10
+  shifted.name = "shifted";
+  shifted.rad = 1;
+  shifted.factor = 2;
+  shifted.offset = 10;
+  const auto arrives = [&](const std::string& from, const std::string& to) {
+    Build b;
+    b.unit("a", from).with("bias", 4.0).unit("b", to, 1).connect("a.y", "b.u");
+    b.scenario.units.push_back(shifted);
+    b.scenario.connections[0].from.unit = "shifted";
+    b.scenario.connections[0].suppress_unit_conversion = true;  // the number is taken as rad
+    Master master = b.load();
+    run(master, 1);
+    return value(master, "b.u");
+  };
+  EXPECT_DOUBLE_EQ(arrives("gain", "gain"), -3);
+  EXPECT_DOUBLE_EQ(arrives("difference", "difference"), 2);
+}
+
 TEST(Wiring, CopiesEveryKindAndConvertsIntegersToReals) {
   Build b;
   b.unit("a", "mixed").with("integer", std::int64_t{7}).with("boolean", true).with("string", std::string("hello"));

@@ -526,6 +526,21 @@ TEST(Urdf, LimitsThatAreAllZeroAreNone) {
   EXPECT_EQ(joint.tau_max, kInfinity);
 }
 
+TEST(Urdf, LimitsOfAccelerationAndJerkAreReadAndWritten) {
+  const std::string xml = arm_but("effort=\"4\"", "effort=\"4\" acceleration=\"5\" deceleration=\"4\" jerk=\"50\"");
+  EXPECT_THAT(warnings_of(xml), IsEmpty());
+  const RobotModel robot = parsed(xml);
+  EXPECT_EQ(robot.joints[0].ddq_max, 4);  // of both directions, the smaller one
+  EXPECT_EQ(robot.joints[0].dddq_max, 50);
+  EXPECT_EQ(parsed(to_urdf(robot)), robot);
+  for (const char* none : {"0", "inf", "1e16"})
+    EXPECT_EQ(parsed(arm_but("effort=\"4\"", std::string("effort=\"4\" jerk=\"") + none + "\"")).joints[0].dddq_max, kInfinity);
+  EXPECT_EQ(refusal_of(arm_but("effort=\"4\"", "effort=\"4\" jerk=\"-1\"")),
+            "arm.urdf:4: joint 'turn': jerk of <limit> is negative");
+  EXPECT_THAT(refusal_of(arm_but("effort=\"4\"", "effort=\"4\" jerk=\"much\"")),
+              HasSubstr("jerk 'much' of <limit>, expected a number"));
+}
+
 TEST(Urdf, NegativeLimitsAreNoneOnRequest) {
   const std::string xml = arm_but("effort=\"4\"", "effort=\"-1\"");
   EXPECT_EQ(refusal_of(xml), "arm.urdf:4: joint 'turn': effort of <limit> is negative");
