@@ -425,8 +425,8 @@ struct TuneResult {
   std::vector<double> training_rms;        ///< n, N.m or N: error of the predicted torques on the training part
   std::vector<double> held_out_rms;        ///< n, N.m or N: on the held-out part; empty if there is none
   std::vector<double> prior_held_out_rms;  ///< n, N.m or N: of the URDF as it was given
-  std::vector<std::string> warnings;       ///< of robot and logs
-  std::vector<std::string> alarms;         ///< joints that are predicted worse than by no model or by the prior
+  std::vector<std::string> warnings;       ///< of robot, logs, motion and result
+  std::vector<std::string> alarms;         ///< what is wrong with the log, and joints that are predicted badly
   bool interrupted = false;                ///< by TuneOptions::stop during the search
 };
 

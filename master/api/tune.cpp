@@ -77,7 +77,7 @@ TuneResult tune(const TuneOptions& options) {
     result.held_out_rms = plain(evaluation.held_out->of[found.tuned].rms);
     result.prior_held_out_rms = plain(evaluation.held_out->of[0].rms);
   }
-  result.warnings = data.warnings;
+  result.warnings = found.warnings;
   result.alarms = found.alarms;
   result.interrupted = found.interrupted;
   return result;

@@ -37,7 +37,9 @@ Problem::Impl::Impl(const TorqueData& d, const robot::RobotModel& p, const Probl
   for (int j = 0; j < n(); ++j) {
     terms.emplace_back(data, j);
     JointDrive shape;
-    shape.v_R = data.options().v_R;
+    const double scale = speed_scale(prior.joints[static_cast<std::size_t>(j)]);
+    shape.v_R = scale * data.options().v_R;
+    shape.v_S *= scale;
     shape.delta = data.options().delta;
     shapes.push_back(shape);
     tall = std::max(tall, terms.back().columns());
@@ -72,16 +74,17 @@ void Problem::Impl::set_bounds() {
   for (int j = 0; j < n(); ++j) {
     const int at = first_nonlinear(j);
     const JointDrive& shape = shapes[static_cast<std::size_t>(j)];
+    const double scale = speed_scale(prior.joints[static_cast<std::size_t>(j)]);
     const auto set = [&](int k, double low, double high) {
       if (!(low < 0 && high > 0)) throw Error("bounds", "of nonlinear friction leave out its prior value, expected around it");
       lower[k] = low;
       upper[k] = high;
     };
     if (terms[static_cast<std::size_t>(j)].nonlinear() == 2) {
-      set(at, std::log(b.v_R_min / shape.v_R), std::log(b.v_R_max / shape.v_R));
+      set(at, std::log(scale * b.v_R_min / shape.v_R), std::log(scale * b.v_R_max / shape.v_R));
       set(at + 1, -2, 2);
     } else if (terms[static_cast<std::size_t>(j)].nonlinear() == 1) {
-      set(at, std::log(b.v_S_min / shape.v_S), std::log(b.v_S_max / shape.v_S));
+      set(at, std::log(scale * b.v_S_min / shape.v_S), std::log(scale * b.v_S_max / shape.v_S));
     }
   }
 }
@@ -90,7 +93,7 @@ JointDrive Problem::Impl::shape(int joint, const double* eta) const {
   JointDrive shape = shapes[static_cast<std::size_t>(joint)];
   if (terms[static_cast<std::size_t>(joint)].nonlinear() == 2) {
     shape.v_R *= std::exp(eta[0]);
-    shape.s = 0.5 * options.bounds.s_max * eta[1];
+    shape.s = 0.5 * speed_scale(prior.joints[static_cast<std::size_t>(joint)]) * options.bounds.s_max * eta[1];
   } else if (terms[static_cast<std::size_t>(joint)].nonlinear() == 1) {
     shape.v_S *= std::exp(eta[0]);
   }
@@ -398,6 +401,32 @@ double Problem::prior_cost(const VectorXd& xi) const {
   Matrix10d unused;
   for (int i = 0; i < p.prior.body_count(); ++i) pull += divergence_roots(xi.segment<10>(10 * i), unused).squaredNorm();
   return p.lambda * pull + p.lambda_shape * xi.tail(dimensions() - p.inertial()).squaredNorm();
+}
+
+std::vector<ActiveBound> Problem::active_bounds(const VectorXd& xi) const {
+  constexpr double kNear = 1e-3;  // of the width of the box
+  using Kind = ActiveBound::Kind;
+  const Impl& p = *impl_;
+  std::vector<ActiveBound> active;
+  const auto look = [&](int i, Kind kind, const std::string& of) {
+    const double near = kNear * (p.upper[i] - p.lower[i]);
+    const bool known = !active.empty() && active.back().kind == kind && active.back().of == of;  // another axis of the body
+    if (!known && (xi[i] < p.lower[i] + near || xi[i] > p.upper[i] - near)) active.push_back({kind, of});
+  };
+  for (int i = 0; i < p.inertial(); ++i)
+    look(i,
+         i % 10 == 0  ? Kind::kMass
+         : i % 10 < 4 ? Kind::kStretch
+         : i % 10 < 7 ? Kind::kShear
+                      : Kind::kShift,
+         p.prior.bodies[static_cast<std::size_t>(i / 10)].name);
+  for (int j = 0; j < p.n(); ++j) {
+    const std::string& of = p.prior.joints[static_cast<std::size_t>(j)].name;
+    const int count = p.terms[static_cast<std::size_t>(j)].nonlinear(), at = p.first_nonlinear(j);
+    if (count > 0) look(at, count == 2 ? Kind::kVR : Kind::kVS, of);
+    if (count == 2) look(at + 1, Kind::kS, of);
+  }
+  return active;
 }
 
 double Problem::weighted_rms(const Estimate& estimate) const {

@@ -15,7 +15,7 @@ struct Bounds {
   double stretch_factor = 10;            // each principal standard deviation of the mass distribution likewise
   double shear = 3;                      // |s|
   double shift = 4;                      // |t|, standard deviations of the prior's mass distribution
-  double v_R_min = 1e-3, v_R_max = 0.5;  // rad/s, kSigmoid
+  double v_R_min = 1e-3, v_R_max = 0.5;  // rad/s, kSigmoid; see speed_scale()
   double s_max = 0.1;                    // rad/s, kSigmoid
   double v_S_min = 5e-3, v_S_max = 1;    // rad/s, kStribeck
   friend bool operator==(const Bounds&, const Bounds&) = default;
@@ -65,6 +65,13 @@ struct Excitation {
   std::vector<std::string> warnings;   // empty: well excited
 };
 
+/// A bound at which a solution stands.
+struct ActiveBound {
+  enum class Kind { kMass, kStretch, kShear, kShift, kVR, kVS, kS };
+  Kind kind;
+  std::string of;  // body, or joint
+};
+
 /// The optimisation problem of both solvers: given compressed torques and a prior, over coordinates ξ (10 per body, then those
 /// of nonlinear friction) in a box,
 ///   f(ξ) = min_φ 1/n Σ_j ‖τ_j − Y_j π(ξ) − F_j(ξ) φ_j‖² / (N σ_j²) + λ D(ξ)
@@ -102,6 +109,8 @@ class Problem {
   void residuals(const Eigen::VectorXd& xi, Eigen::VectorXd& r, Eigen::MatrixXd* jacobian = nullptr) const;
   /// The robot at ξ with its drives solved for.
   Estimate estimate(const Eigen::VectorXd& xi) const;
+  /// The bounds of the box at which ξ stands.
+  std::vector<ActiveBound> active_bounds(const Eigen::VectorXd& xi) const;
   /// √(1/n Σ_j rms_j² / σ_j²) of any estimate on the data (floor: 1 up to degrees of freedom).
   double weighted_rms(const Estimate& estimate) const;
   /// The parameters of the floor as an estimate; what the data leave open is that of the prior (least change of π with G π =

@@ -87,6 +87,8 @@ std::vector<std::size_t> find_columns(const csv::Reader& reader, const std::stri
 }
 
 std::string table_columns(const std::vector<std::string>& names) {
+  if (names.size() == 1 && names[0].find(' ') != std::string::npos)
+    return "; the table has one column, whose name has blanks, expected a comma, semicolon or tab between cells";
   std::vector<std::string> patterns;
   for (const std::string& name : names) {
     const std::size_t digits = name.find_last_not_of("0123456789") + 1;  // 0 for a name of digits alone
@@ -116,7 +118,8 @@ std::size_t find_time_column(const csv::Reader& reader, const std::string& file,
       if (name == wanted) return c;
     }
   }
-  throw Error(file, "has no column 't', 'time' or 'timestamp', expected one" + std::string(remedy));
+  throw Error(file,
+              "has no column 't', 'time' or 'timestamp', expected one" + std::string(remedy) + table_columns(reader.names()));
 }
 
 double seconds_per(const std::string& option, const std::string& word) {

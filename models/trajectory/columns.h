@@ -21,7 +21,7 @@ std::vector<std::size_t> find_columns(const csv::Reader& reader, const std::stri
                                       const Quantity& quantity, std::span<const Axis> axes);
 
 /// The patterns of a table's numbered columns, for messages: "; numbered columns of the table: 'pos{}', 'current_{0}'". If there are none, its first
-/// columns: "; columns of the table: 't', 'x'".
+/// columns: "; columns of the table: 't', 'x'". Tells where blanks seem to separate them.
 std::string table_columns(const std::vector<std::string>& names);
 
 /// The time column: `column`, otherwise t, time or timestamp, ignoring case. Throws Error if there is none; `remedy` says in the

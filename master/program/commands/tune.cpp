@@ -119,6 +119,7 @@ int tune_command(const TuneArguments& arguments, const std::vector<std::string>&
     }
     const tuning::Result result = tuning::tune(settings, run, hooks, data);
     line.clear();
+    for (const std::string& warning : result.warnings) std::cerr << "cotwin: warning: " << warning << '\n';
     if (!arguments.quiet) {
       tuning::write_table(std::cout, data, result);
       std::cout << "\nresults: " << run.out.string()
@@ -128,9 +129,10 @@ int tune_command(const TuneArguments& arguments, const std::vector<std::string>&
     if (!std::cout.flush()) throw Error("stdout", "cannot be written");
     write_report_page(run.out, arguments.quiet);
     if (!result.interrupted) {
-      for (const std::string& alarm : result.alarms) std::cerr << "cotwin: " << alarm << '\n';
+      for (const auto* sentences : {&result.evidence, &result.verdicts})
+        for (const std::string& sentence : *sentences) std::cerr << "cotwin: " << sentence << '\n';
       if (result.alarms.empty() || arguments.accept_result) return kExitDone;
-      std::cerr << "cotwin: on held-out data the result is worse than no model or the prior (--accept-result accepts it)\n";
+      std::cerr << "cotwin: the log or the result is not to be trusted (--accept-result accepts it)\n";
       return kExitRunFailed;
     }
     std::cerr << "cotwin: stopped by " << name_of_signal(stop_signal());
@@ -180,7 +182,9 @@ void add_tune(CLI::App& app, Chosen& chosen) {
                          "motor: measured at the motors, times the gear ratio; joint: measured behind the gears"),
      "")
       ->capture_default_str();
-  in(search, command->add_option("--v-r", s.model.v_R, "Speed in rad/s over which Coulomb friction changes sign"), "RAD/S")
+  in(search,
+     command->add_option("--v-r", s.model.v_R, "Speed over which Coulomb friction changes sign; of slides a tenth, in m/s"),
+     "RAD/S")
       ->capture_default_str();
   in(search,
      command
@@ -192,6 +196,19 @@ void add_tune(CLI::App& app, Chosen& chosen) {
   in(search, command->add_flag("--load-friction", s.model.load, "Friction also depends on the gravity torque"), "");
   in(search, command->add_flag("--no-viscous", a.no_viscous, "No viscous friction"), "");
   in(search, command->add_option("--prior-weight", s.prior_weight, "Weight of the deviation from the URDF"), "W")
+      ->capture_default_str();
+  in(search, command->add_option("--mass-factor", s.bounds.mass_factor, "Masses within 1/X and X times the URDF's"), "X")
+      ->capture_default_str();
+  in(search,
+     command->add_option("--stretch-factor", s.bounds.stretch_factor, "Standard deviations of the mass distribution likewise"),
+     "X")
+      ->capture_default_str();
+  in(search, command->add_option("--shear", s.bounds.shear, "Largest shear of the mass distribution"), "X")
+      ->capture_default_str();
+  in(search,
+     command->add_option("--shift", s.bounds.shift,
+                         "Largest shift of centres of mass, in standard deviations of the URDF's body"),
+     "X")
       ->capture_default_str();
   in(search,
      command->add_flag("--cross-validate", a.cross_validate,
@@ -244,10 +261,15 @@ void add_tune(CLI::App& app, Chosen& chosen) {
      "X,…");
   in(log, command->add_option("--max-gap", s.format.max_gap, "Time steps longer than N medians are gaps"), "N")
       ->capture_default_str();
+  in(log,
+     command->add_option("--skip-rows", s.skip_rows,
+                         "Share of rows that may be left out as unreadable, not finite, out of order or too fast; 0: none"),
+     "SHARE")
+      ->capture_default_str();
   in(log, command->add_flag("--accept-data", s.accept_data, "Implausible data give a warning instead of an error"), "");
   command->add_flag("--accept-result", a.accept_result,
-                    "Exit code 0 even if held-out torques are predicted worse than without a model or with the prior");
-  command->add_flag("--quiet", a.quiet, "No progress bar and no table");
+                    "Exit code 0 even if the log is found to be wrong, or torques are predicted badly");
+  command->add_flag("--quiet", a.quiet, "No progress bar and no table; warnings and verdicts all the same");
   command->add_flag("--overwrite", a.overwrite,
                     "Overwrite earlier results (default: they are moved to earlier-1, earlier-2 … in the folder)");
 

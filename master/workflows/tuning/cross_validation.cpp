@@ -58,8 +58,7 @@ class Trials {
 
   /// Σ errors² per joint over all folds.
   VectorXd errors(const Settings& settings, const Folds& folds) {
-    identification::ProblemOptions options;
-    options.prior_weight = settings.prior_weight;
+    const identification::ProblemOptions options = problem_options(settings);
     std::vector<VectorXd> of_fold(kFolds);
     threads_.run(kFolds, [&](std::size_t k) {
       TorqueData others(data_.robot, model_of(settings, data_.survey));

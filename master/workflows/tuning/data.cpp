@@ -4,15 +4,18 @@
 #include <cmath>
 
 #include "models/foundation/support/error.h"
+#include "models/foundation/support/file_hash.h"
 #include "models/foundation/support/text.h"
 #include "models/identification/feasible.h"
 
 namespace cotwin::master::tuning {
 
+namespace fs = std::filesystem;
+
 namespace {
 
 measurement::Log log_of(const Settings& settings, bool held_out) {
-  return {held_out ? settings.held_out : settings.data, settings.format};
+  return {held_out ? settings.held_out : settings.data, settings.format, settings.skip_rows, !settings.accept_data};
 }
 
 /// Number of samples of all segments on the grid; warns of segments without samples.
@@ -89,6 +92,11 @@ Data survey_log(const Settings& settings, const Hooks& hooks) {
       data.warnings.push_back(joint.name + " is passive: no twin.ssd, because its controller drives every joint");
   }
   hooks.tell("checking the log", 0);
+  for (const fs::path& held : settings.held_out)
+    for (const fs::path& file : settings.data)
+      if (hash_of_file(held) == hash_of_file(file))
+        throw Error("--held-out",
+                    held.string() + " has the bytes of " + file.string() + ", expected a log that no solver sees");
   measurement::Log all = log_of(settings, false);
   all.files.insert(all.files.end(), settings.held_out.begin(), settings.held_out.end());
   data.survey = measurement::survey(all, data.robot, {settings.accept_data});
@@ -99,8 +107,8 @@ Data survey_log(const Settings& settings, const Hooks& hooks) {
 
 namespace {
 
-/// Compresses the log; torques pass the low-pass.
-void compress(const Settings& settings, Data& data, const Hooks& hooks) {
+/// Compresses the log; torques pass the low-pass. Shows its rows to `diagnosis`, unless that is null.
+void compress(const Settings& settings, Data& data, const Hooks& hooks, identification::Diagnosis* diagnosis = nullptr) {
   const std::size_t n = data.robot.joints.size();
   CompressedPart empty{identification::TorqueData(data.load_robot, model_of(settings, data.survey)), 0,
                        Eigen::VectorXd::Zero(data.robot.n())};
@@ -108,11 +116,13 @@ void compress(const Settings& settings, Data& data, const Hooks& hooks) {
   std::size_t before = 0;
   for_each_block(settings, data, hooks, "compressing the log", [&](const measurement::Block& block, Part of_file) {
     for (std::size_t k = 0; k < block.count; ++k, ++before) {
-      if (!block.measured[k]) continue;
-      const bool train = of_file == Part::kTraining && before < data.split;
-      CompressedPart& part = train ? training : held_out;
+      const bool train = of_file == Part::kTraining && before < data.split, motors = !block.theta.empty();
       const std::size_t row = k * n;
-      const bool motors = !block.theta.empty();
+      if (diagnosis != nullptr && train)
+        diagnosis->add(block.segment, block.measured[k] != 0, &block.q[row], &block.dq[row], &block.ddq[row], &block.tau[row],
+                       motors ? &block.dtheta[row] : nullptr, motors ? &block.ddtheta[row] : nullptr);
+      if (!block.measured[k]) continue;
+      CompressedPart& part = train ? training : held_out;
       part.data.add(&block.q[row], &block.dq[row], &block.ddq[row], &block.tau[row], motors ? &block.dtheta[row] : nullptr,
                     motors ? &block.ddtheta[row] : nullptr);
       ++part.samples;
@@ -137,13 +147,13 @@ Data load_data(const Settings& settings, const Hooks& hooks) {
   data.smoothing = smoothing_of(settings, data.survey);
   split(settings, data);
   data.load_robot = data.robot;
-  compress(settings, data, hooks);
+  identification::Diagnosis diagnosis(data.robot, model_of(settings, data.survey), data.smoothing.step);
+  compress(settings, data, hooks, &diagnosis);
+  data.findings = diagnosis.findings();
   // The load of gears is the gravity of the real robot, not of the prior. A quick estimate from the training part is near
   // enough to the final one (three passes agree to 1e-3).
   for (int pass = 0; pass < 2 && settings.model.load; ++pass) {
-    identification::ProblemOptions options;
-    options.prior_weight = settings.prior_weight;
-    const identification::Problem problem(data.training->data, data.robot, options);
+    const identification::Problem problem(data.training->data, data.robot, problem_options(settings));
     identification::FeasibleOptions feasible;
     feasible.stop = hooks.stop;
     const identification::FeasibleResult found = identification::solve_feasible(problem, feasible);

@@ -7,6 +7,7 @@
 
 #include "master/workflows/tuning/progress.h"
 #include "master/workflows/tuning/settings.h"
+#include "models/identification/diagnosis.h"
 #include "models/identification/measurement/smoothing.h"
 #include "models/identification/measurement/survey.h"
 #include "models/identification/torque_data/torque_data.h"
@@ -31,7 +32,8 @@ struct Data {
   measurement::Smoothing smoothing;
   std::size_t split = 0;  // number of training samples on the grid of the log
   std::optional<CompressedPart> training, held_out;
-  std::vector<std::string> warnings;  // of the URDF, then of the survey
+  std::vector<identification::Finding> findings;  // of the training part, the one that explains most first
+  std::vector<std::string> warnings;              // of the URDF, then of the survey
 };
 
 /// Thrown by a loop over a log when the user stops the program.

@@ -107,7 +107,7 @@ std::string swarm_sentence(const SwarmRun& swarm) {
          " reconfigurations, " + numerics::to_text(swarm.progress.status);
 }
 
-void write_data(std::ostream& out, const Settings& settings, const Data& data) {
+void write_data(std::ostream& out, const Settings& settings, const Data& data, const Result& result) {
   const measurement::Survey& survey = data.survey;
   out << "## Data\n\n";
   const auto list = [&](const char* what, const std::vector<std::filesystem::path>& files) {
@@ -136,9 +136,9 @@ void write_data(std::ostream& out, const Settings& settings, const Data& data) {
   }
   table.write_markdown(out);
   out << "Gravity is the prior's; its correlation with the measured torque tells of signs. rad, rad/s, N·m.\n\n";
-  if (data.warnings.empty()) return;
+  if (result.warnings.empty()) return;
   out << "Warnings:\n\n";
-  for (const std::string& warning : data.warnings) out << "* " << warning << '\n';
+  for (const std::string& warning : result.warnings) out << "* " << warning << '\n';
   out << '\n';
 }
 
@@ -212,8 +212,9 @@ void write_excitation(std::ostream& out, const Result& result) {
       << excitation.rank << " of " << excitation.unknowns << " unknowns (" << excitation.structural
       << " base parameters, the others friction and motors); condition number " << number(excitation.condition)
       << " of the regressor with columns of unit length.\n\n";
-  for (const std::string& warning : excitation.warnings) out << "* " << warning << '\n';
-  if (!excitation.warnings.empty()) out << '\n';
+  if (!result.bounds.empty()) out << "Bounds at which feasible least squares stands, and what it reaches with wider ones:\n\n";
+  for (const std::string& bound : result.bounds) out << "* " << bound << '\n';
+  if (!result.bounds.empty()) out << '\n';
   Table joints({"joint", "σ, N·m (its weight is 1/σ²)", "rank", "of unknowns"});
   for (std::size_t j = 0; j < result.floor.joint_rank.size(); ++j) {
     joints.row({row_name(result.robot.joints[j]), number(at(result.floor.sigma, j)), std::to_string(result.floor.joint_rank[j]),
@@ -302,6 +303,21 @@ void add_parameters(json& object, const Data& data, const Result& result) {
   }
 }
 
+json findings_json(const Data& data) {
+  constexpr const char* kKinds[] = {"gravity", "clock", "lag", "torque columns", "joints", "sign"};
+  json list = json::array();
+  for (const identification::Finding& finding : data.findings) {
+    json joints = json::array();
+    for (const int j : finding.joints) joints.push_back(data.robot.joints[static_cast<std::size_t>(j)].name);
+    list.push_back({{"kind", kKinds[static_cast<std::size_t>(finding.kind)]},
+                    {"joints", joints},
+                    {"value", finding.value},
+                    {"gravity", std::vector<double>(finding.gravity.begin(), finding.gravity.end())},
+                    {"gain", finding.gain}});
+  }
+  return list;
+}
+
 json part_json(const PartErrors& part, const Result& result) {
   const auto list = [](const VectorXd& v) { return std::vector<double>(v.data(), v.data() + v.size()); };
   json object;
@@ -318,8 +334,6 @@ json part_json(const PartErrors& part, const Result& result) {
 }  // namespace
 
 void write_table(std::ostream& out, const Data& data, const Result& result) {
-  for (const std::string& warning : data.warnings) out << "warning: " << warning << '\n';
-  for (const std::string& warning : result.excitation.warnings) out << "warning: " << warning << '\n';
   out << data.robot.name << ": " << samples_of(data, data.training->samples) << " of training, low-pass "
       << number(data.smoothing.cutoff) << " Hz, " << result.excitation.rank << " of " << result.excitation.unknowns
       << " unknowns determined, condition number with friction and motors " << number(result.excitation.condition) << '\n';
@@ -338,10 +352,13 @@ std::string report_markdown(const Settings& settings, const Data& data, const Re
   if (result.interrupted)
     out << "**Interrupted**: the best parameters so far. `cotwin tune --resume` with this folder goes on.\n\n";
   if (!result.alarms.empty()) {
-    out << "**Alarm**: held-out torques are predicted worse than by no model or by the prior.\n\n";
+    out << "**Alarm**: the log or the result is not to be trusted.\n\n";
     for (const std::string& alarm : result.alarms) out << "* " << alarm << '\n';
     out << '\n';
   }
+  out << "## Verdict\n\n";
+  for (const std::string& verdict : result.verdicts) out << "* " << verdict << '\n';
+  out << '\n';
   if (!result.chosen.empty()) out << "Note: " << result.chosen << ".\n\n";
   out << weighted_sentence(result) << ".\n\n## Torque errors, training ("
       << samples_of(data, result.evaluation.training.samples)
@@ -358,7 +375,7 @@ std::string report_markdown(const Settings& settings, const Data& data, const Re
   if (result.evaluation.every > 1)
     out << "`torques.csv` has every " << result.evaluation.every << "th sample; errors are of all.\n\n";
   write_twin(out, data, result);
-  write_data(out, settings, data);
+  write_data(out, settings, data, result);
   write_settings(out, settings, result);
   write_parameters(out, data, result);
   write_excitation(out, result);
@@ -411,7 +428,10 @@ std::string figures_json(const Settings& settings, const Data& data, const Resul
     object["stiffness"].push_back(t.K);
     object["lag"].push_back(t.lag);
   }
-  object["warnings"] = data.warnings;
+  object["warnings"] = result.warnings;
+  object["verdicts"] = result.verdicts;
+  object["bounds"] = result.bounds;
+  object["findings"] = findings_json(data);
   return object.dump(1) + "\n";
 }
 

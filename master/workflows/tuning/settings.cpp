@@ -50,6 +50,11 @@ void for_each(Settings& s, Visit&& visit) {
   visit("harmonics", s.model.harmonics);
   visit("speed_nodes", s.model.speed_nodes);
   visit("prior_weight", s.prior_weight);
+  visit("mass_factor", s.bounds.mass_factor);
+  visit("stretch_factor", s.bounds.stretch_factor);
+  visit("shear", s.bounds.shear);
+  visit("shift", s.bounds.shift);
+  visit("skip_rows", s.skip_rows);
   visit("seed", s.seed);
   visit("rounds", s.rounds);
   visit("particles", s.particles);
@@ -127,6 +132,13 @@ robot::RobotModel load_robot(const Settings& settings, std::vector<std::string>*
   return robot::load_urdf(settings.robot, options, warnings);
 }
 
+identification::ProblemOptions problem_options(const Settings& settings) {
+  identification::ProblemOptions options;
+  options.prior_weight = settings.prior_weight;
+  options.bounds = settings.bounds;
+  return options;
+}
+
 json to_json(const Settings& settings) {
   Settings copy = settings;
   json object;
@@ -166,6 +178,11 @@ void check(const Settings& s) {
   within("--order", s.order, 1, 8);
   within("--margin", s.margin, -1, 1e6);
   within("--prior-weight", s.prior_weight, 0, 1e6);
+  within("--mass-factor", s.bounds.mass_factor, 1.01, 1e4);
+  within("--stretch-factor", s.bounds.stretch_factor, 1.01, 1e4);
+  within("--shear", s.bounds.shear, 0.01, 1e3);
+  within("--shift", s.bounds.shift, 0.01, 1e3);
+  within("--skip-rows", s.skip_rows, 0, 0.5);
   within("--rounds", s.rounds, 1, 1e9);
   within("--particles", s.particles, 4, 1e6);
   within("--threshold", s.threshold, 0, 1e300);

@@ -35,6 +35,8 @@ struct Settings {
   Method method = Method::kSwarm;
   identification::ModelOptions model = with_sigmoid_friction();
   double prior_weight = identification::kPriorWeightOfLogs;
+  identification::Bounds bounds;
+  double skip_rows = 0.01;  // share of a log's rows that may be left out, see measurement::Log::skip
   std::uint64_t seed = 1;
   int rounds = 500;
   int particles = 200;
@@ -44,6 +46,8 @@ struct Settings {
 
 /// Reads the robot with its locked and passive joints.
 robot::RobotModel load_robot(const Settings& settings, std::vector<std::string>* warnings = nullptr);
+
+identification::ProblemOptions problem_options(const Settings& settings);
 
 nlohmann::json to_json(const Settings& settings);
 /// Throws Error `place: …` for missing settings, settings of another type, and values out of range.

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <sstream>
 
+#include "master/workflows/tuning/evidence.h"
 #include "master/workflows/tuning/files.h"
 #include "master/workflows/tuning/report.h"
 #include "master/workflows/tuning/scenario.h"
@@ -71,45 +72,32 @@ SwarmRun run_swarm(const Settings& settings, const Run& run, const Hooks& hooks,
   return result;
 }
 
-/// Sentences for joints whose held-out error is above that of no model (the torque itself) or of the prior, by more than
-/// rounding and chance. Joints that stand still are left out, and passive ones are compared with the prior only.
-std::vector<std::string> alarms_of(const Data& data, const Evaluation& evaluation, std::size_t candidate) {
-  constexpr double kWorse = 1.02;
-  std::vector<std::string> alarms;
-  if (!evaluation.held_out) return alarms;
-  const PartErrors& part = *evaluation.held_out;
-  for (std::size_t j = 0; j < data.robot.joints.size(); ++j) {
-    if (!data.survey.moves(j)) continue;
-    const auto i = static_cast<Eigen::Index>(j);
-    const double error = part.of[candidate].rms[i], prior = part.of.front().rms[i], torque = part.torque_rms[i];
-    const bool than_none = !data.robot.joints[j].passive && error > kWorse * torque, than_prior = error > kWorse * prior;
-    if (!than_none && !than_prior) continue;
-    const char* unit = data.robot.joints[j].type == robot::JointType::kPrismatic ? " N" : " N.m";
-    alarms.push_back(
-        data.robot.joints[j].name + ": held-out error " + text::to_text(error, 3) + unit + ", expected below " +
-        (than_none ? "the torque itself, " + text::to_text(torque, 3) : "that of the prior, " + text::to_text(prior, 3)) +
-        unit);
-  }
-  return alarms;
+/// Chooses the tuned robot by the training part: the result of the method, or feasible least squares where the swarm is far from
+/// it.
+void choose_tuned(const Settings& settings, Result& result) {
+  constexpr double kNear = 1.02;  // of the weighted RMS
+  result.tuned = 1;               // the result of the method follows the prior
+  if (settings.method != Method::kSwarm || !(result.feasible_rms > 0) || result.swarm_rms <= kNear * result.feasible_rms)
+    return;
+  result.tuned = 2;
+  result.chosen = "feasible least squares fits the training data better (weighted RMS " +
+                  text::to_text(result.feasible_rms, 5) + ", the swarm's " + text::to_text(result.swarm_rms, 5) +
+                  "): it is the robot that is written";
 }
 
-/// Chooses the tuned robot: the result of the method. Feasible least squares replaces the swarm if the swarm is far from it on
-/// the training part, or has more held-out alarms.
-void choose_tuned(const Settings& settings, const Data& data, Result& result) {
-  constexpr double kNear = 1.02;  // of the weighted RMS on the training part
-  result.tuned = 1;               // the result of the method follows the prior
-  result.alarms = alarms_of(data, result.evaluation, 1);
-  if (settings.method != Method::kSwarm || !(result.feasible_rms > 0)) return;
-  const std::vector<std::string> others = alarms_of(data, result.evaluation, 2);
-  const bool unfinished = result.swarm_rms > kNear * result.feasible_rms;
-  if (unfinished ? others.size() > result.alarms.size() : others.size() >= result.alarms.size()) return;
-  result.tuned = 2;
-  result.alarms = others;
-  result.chosen = unfinished ? "feasible least squares fits the training data better (weighted RMS " +
-                                   text::to_text(result.feasible_rms, 5) + ", the swarm's " +
-                                   text::to_text(result.swarm_rms, 5) + "): it is the robot that is written"
-                             : "feasible least squares predicts held-out torques with fewer alarms: it is the robot that is "
-                               "written";
+/// Evidence, verdicts, alarms and warnings.
+void judge(const Settings& settings, const Data& data, Result& result) {
+  result.evidence = evidence(settings, data);
+  result.alarms = result.evidence;
+  for (std::size_t j = 0; j < data.robot.joints.size(); ++j) {
+    const Verdict verdict = verdict_of(data, result.evaluation, result.tuned, j);
+    result.verdicts.push_back(verdict.sentence);
+    if (verdict.alarm) result.alarms.push_back(verdict.sentence);
+  }
+  result.warnings = data.warnings;
+  const std::vector<std::string>& motion = result.excitation.warnings;
+  result.warnings.insert(result.warnings.end(), motion.begin(), motion.end());
+  if (const std::string sentence = moving_mass(data, result.floor); !sentence.empty()) result.warnings.push_back(sentence);
 }
 
 void write_files(const Settings& settings, const Data& data, const Run& run, const Result& result) {
@@ -133,9 +121,7 @@ void write_files(const Settings& settings, const Data& data, const Run& run, con
 Result tune(const Settings& settings, const Run& run, const Hooks& hooks, const Data& data) {
   // Phases: the problem; the solvers; errors from the compressed data; errors sample by sample; files.
   hooks.tell("least squares", 0);
-  identification::ProblemOptions options;
-  options.prior_weight = settings.prior_weight;
-  const identification::Problem problem(data.training->data, data.robot, options);
+  const identification::Problem problem(data.training->data, data.robot, problem_options(settings));
   Result result;
   result.floor = problem.floor();
   result.excitation = problem.excitation();
@@ -159,13 +145,15 @@ Result tune(const Settings& settings, const Run& run, const Hooks& hooks, const 
     if (!feasible.interrupted || settings.method == Method::kFeasible) {
       result.candidates.push_back({"feasible", feasible.estimate});
       result.feasible_rms = feasible.weighted_rms;
+      if (!feasible.interrupted) result.bounds = bounds_of(settings, data, problem, feasible, hooks);
     }
   }
   result.candidates.push_back({"floor", problem.floor_estimate()});
   result.floor_rms = problem.weighted_rms(result.candidates.back().estimate);
   result.prior_rms = problem.weighted_rms(result.candidates.front().estimate);
   result.evaluation = evaluate(data, result.candidates);
-  choose_tuned(settings, data, result);
+  choose_tuned(settings, result);
+  judge(settings, data, result);
 
   const identification::Estimate& tuned = result.candidates[result.tuned].estimate;
   result.robot = settings.method == Method::kLeastSquares

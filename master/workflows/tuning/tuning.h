@@ -31,10 +31,13 @@ struct Result {
   double deviation_factor = 1;  // on the deviations of `excitation`, because filtered errors are not independent
   double prior_rms = 0, swarm_rms = 0, feasible_rms = 0, floor_rms = 0;  // weighted, on the training part
   std::optional<SwarmRun> swarm;
-  std::vector<std::string> alarms;  // sentences: joints of which the held-out torques are predicted worse than by no model or
-                                    // by the prior
-  std::string chosen;               // the reason if the written robot is not that of the swarm; else empty
-  robot::RobotModel robot;          // tuned; the prior for Method::kLeastSquares, whose bodies are not physical
+  std::vector<std::string> evidence;  // sentences: what is wrong with the log
+  std::vector<std::string> verdicts;  // a sentence per joint
+  std::vector<std::string> alarms;    // the evidence, and verdicts that speak against the result
+  std::vector<std::string> bounds;    // sentences: bounds at which feasible least squares stands
+  std::vector<std::string> warnings;  // of robot, log, motion and result
+  std::string chosen;                 // the reason if the written robot is not that of the swarm; else empty
+  robot::RobotModel robot;            // tuned; the prior for Method::kLeastSquares, whose bodies are not physical
 };
 
 struct Run {

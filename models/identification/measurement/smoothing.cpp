@@ -30,7 +30,7 @@ std::size_t grid_points(double duration, const Smoothing& smoothing) {
 
 SmoothedLog::SmoothedLog(const Log& log, std::span<const trajectory::Axis> axes, const Smoothing& smoothing, double gap,
                          std::size_t block)
-    : reader_(log, axes, gap),
+    : reader_(log, axes, gap, smoothing.step),
       n_(axes.size()),
       gap_(gap),
       smoothing_(smoothing),

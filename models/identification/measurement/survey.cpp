@@ -7,6 +7,7 @@
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
 #include "models/identification/measurement/spectrum.h"
+#include "models/identification/measurement/torque_watch.h"
 #include "models/robot/dynamics.h"
 
 namespace cotwin::measurement {
@@ -72,6 +73,8 @@ class Surveyor {
         before_(n_),
         gravity_(n_),
         speed_(n_),
+        watch_(n_),
+        frozen_(n_),
         beyond_(n_),
         too_strong_(n_) {}
 
@@ -84,7 +87,7 @@ class Surveyor {
       joint.q_max = joint.tau_max = -kInfinity;
     }
     MotionSpectrum spectrum(n_, result_.rate());
-    LogReader reader(log_, axes_, result_.gap);
+    LogReader reader(log_, axes_, result_.gap, result_.step);
     std::vector<double> between(n_);
     while (reader.next()) {
       const trajectory::RecordingReader& sample = reader.sample();
@@ -106,6 +109,9 @@ class Surveyor {
       spectrum.add(sample.q().value, reader.begins());
     }
     repeated_ = reader.repeated();
+    if (reader.left_out() > 0)
+      warn(log_.files[0].string(), std::to_string(reader.left_out()) + (reader.left_out() == 1 ? " row is" : " rows are") +
+                                       " left out (--skip-rows), the first for this: " + reader.why());
     finish();
     const std::vector<double> frequency = spectrum.frequency_of_share(0.95);
     for (std::size_t j = 0; j < n_; ++j) result_.joints[j].frequency = frequency[j];
@@ -123,9 +129,11 @@ class Surveyor {
       }
     }
     if (first >= 0.5) {
-      implausible(
-          log_.files[0].string() + ": column of time",
-          "the median step is " + number(first) + " s, expected less than 0.5 s; are these milliseconds? Then --time-unit ms");
+      const char* const words[] = {"milliseconds? Then --time-unit ms", "microseconds? Then --time-unit us",
+                                   "nanoseconds? Then --time-unit ns"};
+      const int unit = first < 500 ? 0 : first < 5e5 ? 1 : 2;
+      implausible(log_.files[0].string() + ": column of time",
+                  "the median step is " + number(first) + " s, expected less than 0.5 s; are these " + words[unit]);
     }
     return first;
   }
@@ -170,9 +178,11 @@ class Surveyor {
       if (begins) continue;
       const double speed = (q[j] - before_[j]) / h;
       joint.speed_max = std::max(joint.speed_max, std::abs(speed));
-      check_speed(sample, j, speed);
-      if (sample.dq().present()) speed_[j].add(speed, sample.dq().value[j]);
+      check_speed(sample, j, q[j] - before_[j], h);
     }
+    for (std::size_t j = 0; j < n_; ++j)
+      if (watch_[j].add(sample.t(), q[j], tau[j], begins)) frozen_[j] = sample.place(sample.tau(), j);
+    if (sample.dq().present()) compare_speeds(sample, begins);
     result_.has_speeds = sample.dq().present();
     before_ = q;
     t_before_ = sample.t();
@@ -180,6 +190,24 @@ class Surveyor {
     Segment& segment = result_.segments.back();
     ++segment.samples;
     segment.duration = sample.t() - t_begin_;
+  }
+
+  /// Over 50 ms: between two samples, positions are often equal but for the resolution of the encoder.
+  void compare_speeds(const trajectory::RecordingReader& sample, bool begins) {
+    constexpr double kTime = 0.05;  // s
+    if (begins) count_ = 0;
+    if (count_ > 0 && sample.t() - t_from_ >= kTime) {
+      for (std::size_t j = 0; j < n_; ++j)
+        speed_[j].add((sample.q().value[j] - q_from_[j]) / (sample.t() - t_from_), dq_sum_[j] / count_);
+      count_ = 0;
+    }
+    if (count_ == 0) {
+      q_from_ = sample.q().value;
+      t_from_ = sample.t();
+      dq_sum_.assign(n_, 0);
+    }
+    for (std::size_t j = 0; j < n_; ++j) dq_sum_[j] += sample.dq().value[j];
+    count_ += 1;
   }
 
   void check_position(const trajectory::RecordingReader& sample, std::size_t j) {
@@ -210,21 +238,11 @@ class Surveyor {
                                             " (effort limit of the URDF); are these other units or currents? Then --tau-scale");
   }
 
-  void check_speed(const trajectory::RecordingReader& sample, std::size_t j, double speed) {
-    constexpr double kFactor = 4;      // noise and overshoot stay below, degrees (57) do not
-    constexpr double kRevolute = 30;   // rad/s, beyond the joints of industrial arms
-    constexpr double kPrismatic = 10;  // m/s
-    const trajectory::Axis& axis = axes_[j];
-    const double usual = std::isfinite(axis.dq_max) ? kFactor * axis.dq_max : axis.revolute ? kRevolute : kPrismatic;
-    const double limit = log_.format.max_speed > 0 ? log_.format.max_speed : usual;
-    if (std::abs(speed) <= limit || told_fast_ > 0) return;
+  void check_speed(const trajectory::RecordingReader& sample, std::size_t j, double dq, double dt) {
+    const std::string fact = told_fast_ == 0 ? too_fast(axes_[j], log_.format, dq, dt) : "";
+    if (fact.empty()) return;
     ++told_fast_;
-    const std::string unit = axis.revolute ? " rad/s" : " m/s";
-    implausible(sample.place(sample.q(), j),
-                axis.name + " would have moved with " + number(std::abs(speed)) + unit +
-                    " since the sample before, expected at most " + number(limit) + unit + " (4 times the URDF's limit)" +
-                    (axis.revolute && log_.format.angle_unit == 1 ? "; are these degrees? Then --angle-unit deg" : "") +
-                    "; or is the unit of time another one? Then --time-unit");
+    implausible(sample.place(sample.q(), j), fact);
   }
 
   void finish() {
@@ -281,6 +299,8 @@ class Surveyor {
                         ", expected a motion: what only shows when it moves stays as in the URDF");
     }
     if (!passive && joint.tau_max > joint.tau_min) check_gravity(j, tau_place);
+    if (!passive && moves(j))
+      for (const std::string& sentence : watch_[j].damage(axes_[j], tau_place, frozen_[j])) result_.damage.push_back(sentence);
     if (result_.has_speeds && moves(j)) check_velocities(j);
   }
 
@@ -290,11 +310,10 @@ class Surveyor {
     const Sums& sums = gravity_[j];
     const double known = std::sqrt(sums.var_x()), measured = std::sqrt(sums.var_y());
     if (known > 0.2 * measured && joint.gravity_correlation < -0.7) {
-      implausible(
-          place,
-          "goes against the URDF's gravity (correlation " + number(joint.gravity_correlation) +
-              "), expected the torque that drives " + axes_[j].name +
-              "; is its sign, or that of the position, the other way round? Then --tau-scale -1 for this joint, or --q-scale");
+      implausible(place, "goes against the URDF's gravity (correlation " + number(joint.gravity_correlation) +
+                             "), expected the torque that drives " + axes_[j].name +
+                             "; is its sign, or that of the position, the other way round? Then --tau-scale " +
+                             scales(log_.format.tau_scale, n_, {static_cast<int>(j)}, -1) + ", or --q-scale");
       return;
     }
     const double floor = 0.02 * std::min(robot_.joints[j].tau_max, 50.0);  // N.m, least gravity torque that is compared
@@ -336,13 +355,25 @@ class Surveyor {
   std::vector<double> before_;
   double t_before_ = 0, t_begin_ = 0, ahead_ = 0;
   std::size_t file_ = 0, gaps_ = 0, told_far_ = 0, told_fast_ = 0, lost_ = 0, repeated_ = 0;
-  std::vector<Sums> gravity_, speed_;             // n
+  std::vector<Sums> gravity_, speed_;    // n
+  std::vector<TorqueWatch> watch_;       // n
+  std::vector<std::string> frozen_;      // n: place of the last row of the longest standstill
+  std::vector<double> q_from_, dq_sum_;  // of compare_speeds
+  double t_from_ = 0, count_ = 0;
   std::vector<std::size_t> beyond_, too_strong_;  // n, samples
   mutable std::vector<std::string> warnings_;
   Survey result_;
 };
 
 }  // namespace
+
+std::string scales(std::vector<double> given, std::size_t n, const std::vector<int>& joints, double factor) {
+  given.resize(n, 1);
+  for (const int j : joints) given[static_cast<std::size_t>(j)] *= factor;
+  std::string list;
+  for (const double scale : given) text::append(list, text::to_text(scale), ",");
+  return list;
+}
 
 double Survey::cutoff() const {
   std::vector<double> moving;

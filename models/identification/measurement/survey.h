@@ -38,11 +38,15 @@ struct Survey {
   std::vector<Segment> segments;
   std::vector<JointSurvey> joints;  // n
   std::vector<std::string> warnings;
+  std::vector<std::string> damage;  // sentences: torques that are cut off, or stand still while their joint moves
   double rate() const { return 1 / step; }
   bool moves(std::size_t joint) const { return joints[joint].q_max - joints[joint].q_min > 1e-3; }  // rad or m
   /// 10 times the median of `frequency` over the moving joints, limited to 0.2 Hz and a fifth of the sampling rate.
   double cutoff() const;
 };
+
+/// The list of n scales for an option, those of `joints` times `factor`: "1,1,-1". `given`: n, or empty for ones.
+std::string scales(std::vector<double> given, std::size_t n, const std::vector<int>& joints, double factor);
 
 struct SurveyOptions {
   /// Implausible data cause warnings instead of errors: torques that contradict gravity in sign or size, positions and speeds

@@ -6,7 +6,10 @@
 namespace cotwin::identification {
 
 DriveTerms::DriveTerms(const TorqueData& data, int joint)
-    : columns_(data.columns(joint)), options_(data.options()), nodes_(data.speed_nodes(joint)) {
+    : columns_(data.columns(joint)),
+      options_(data.options()),
+      nodes_(data.speed_nodes(joint)),
+      v_load_(speed_scale(data.robot().joints[static_cast<std::size_t>(joint)]) * options_.v_R) {
   const std::string number = "_" + std::to_string(joint + 1);
   const auto term = [&](const std::string& name, bool nonnegative, int column) {
     names_.push_back(name + number);
@@ -37,7 +40,7 @@ DriveTerms::DriveTerms(const TorqueData& data, int joint)
 JointDrive DriveTerms::drive(const JointDrive& shape, const double* phi) const {
   JointDrive drive = shape;
   drive.tau_C = drive.tau_S = drive.sigma2 = drive.tau_0 = drive.B = drive.load = 0;
-  drive.v_load = options_.v_R;
+  drive.v_load = v_load_;
   drive.harmonics.clear();
   for (int k = 0; k < size(); ++k) {
     const int column = column_[static_cast<std::size_t>(k)];

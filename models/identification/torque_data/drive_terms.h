@@ -42,6 +42,7 @@ class DriveTerms {
   std::vector<int> column_;  // of F_j, per unknown that is not part of the curve
   int nonlinear_ = 0;
   int curves_ = 0;
+  double v_load_;
 };
 
 /// Solves min ‖T φ − b‖² with φ_k ≥ 0 where `nonnegative`, for a tall T (rows x m by column with leading dimension `ld`, m ≤

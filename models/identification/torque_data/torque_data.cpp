@@ -151,16 +151,16 @@ struct TorqueData::Impl {
       const Columns& c = columns[k];
       double* const row = triangles[k].next();
       const auto at = [row](int column) -> double& { return row[static_cast<std::size_t>(column) * kStride]; };
-      const double v = (dtheta ? dtheta : dq)[j];
+      const double v = (dtheta ? dtheta : dq)[j], v_R = speed_scale(robot.joints[k]) * options.v_R;
       if (c.nodes > 0) {
         for (int i = 0; i < c.nodes; ++i) at(i) = 0;
         const NodeWeights weights = node_weights(v, c.nodes, nodes[k].back());
         for (int i = 0; i < 4; ++i)
           if (weights.w[i] != 0) at(weights.first + i) = weights.w[i];
       }
-      if (c.coulomb >= 0) at(c.coulomb) = std::tanh(v / options.v_R);
+      if (c.coulomb >= 0) at(c.coulomb) = std::tanh(v / v_R);
       constexpr double kNoLoad = 1e-3;  // N.m; gravity on a vertical axis is rounding noise
-      if (c.load >= 0) at(c.load) = std::abs(g[j]) < kNoLoad ? 0.0 : std::abs(g[j]) * std::tanh(v / options.v_R);
+      if (c.load >= 0) at(c.load) = std::abs(g[j]) < kNoLoad ? 0.0 : std::abs(g[j]) * std::tanh(v / v_R);
       if (c.viscous >= 0) at(c.viscous) = v;
       if (c.offset >= 0) at(c.offset) = 1;
       if (c.motor_inertia >= 0) at(c.motor_inertia) = (ddtheta ? ddtheta : ddq)[j];

@@ -27,13 +27,17 @@ enum class FrictionLaw {
 const char* to_text(FrictionLaw law);               // "none", "coulomb", "sigmoid", "stribeck"
 FrictionLaw friction_law(const std::string& text);  // throws Error that lists the choices
 
+/// Speeds of friction's shape (v_R, v_S, s and their bounds) are given for revolute joints, in rad/s. Those of a slide are a
+/// tenth of them, in m/s, as at a pinion of 0.1 m radius.
+inline double speed_scale(const robot::Joint& joint) { return joint.type == robot::JointType::kPrismatic ? 0.1 : 1; }
+
 struct ModelOptions {
   FrictionLaw friction = FrictionLaw::kCoulomb;
   bool viscous = true;
   bool offset = true;
   bool motor_inertia = true;   // for torques of the motors; joint torque sensors do not measure B
   bool load = false;           // μ is identified
-  double v_R = 0.02;           // rad/s
+  double v_R = 0.02;           // rad/s, see speed_scale()
   double delta = 2;            // Stribeck exponent
   std::vector<int> harmonics;  // n, or empty: none; number of harmonics of q_j per joint
   std::vector<char> still;     // n, or empty: joints that stand still; only an offset is identified for them

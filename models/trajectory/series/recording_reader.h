@@ -36,6 +36,7 @@ class RecordingReader {
   const Channel& tau() const { return tau_; }
   const Channel& tau_e() const { return tau_e_; }
   const Channel& theta() const { return theta_; }
+  const std::vector<std::string>& names() const { return csv_.names(); }
   /// Name of a joint's column in the header.
   const std::string& name(const Channel& channel, std::size_t joint) const { return csv_.names()[channel.columns[joint]]; }
   /// "log.csv:17", "log.csv:17: column 'tau3'"
