@@ -77,7 +77,7 @@ Rows::Rows(std::span<const RigidBody> bodies, const Forest& forest) : slice_of_b
   int offset = 0;
   const auto add_slice = [&](int size) {
     slices_.push_back({offset, size});
-    offset += size + size % 2;  // keeps pairs aligned
+    offset += std::max(2, size + size % 2);  // keeps pairs aligned; a tree without freedom has a place, too
   };
   for (const Forest::Tree& tree : forest.trees()) add_slice(tree.end_freedom - tree.first_freedom);
   trees_ = static_cast<int>(slices_.size());

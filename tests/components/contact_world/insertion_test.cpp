@@ -10,6 +10,7 @@
 #include <ostream>
 #include <span>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -25,6 +26,7 @@ using Eigen::Matrix;
 using Eigen::Vector3d;
 using Vector7 = Matrix<double, 7, 1>;
 
+constexpr bool kSanitized = std::string_view(COTWIN_SANITIZERS) != "";  // ten times slower: one case of a kind
 const std::string kExample = places::source() + "/examples/04_peg_in_hole/";
 const std::string kModels = places::source() + "/models/";
 constexpr double kTip = 0.178;             // m from link_7 to the peg's end along z, lwr4_peg.urdf
@@ -256,6 +258,7 @@ void expect_insertion(const Outcome& o) {
 TEST(Insertion, ThePegGoesInWhereverTheHoleStandsWithinItsClearance) {
   for (const auto& [plate, c] : {std::pair{"plate", 0.5}, {"plate_tight", 0.1}}) {
     for (const auto& [x, y] : {std::pair{0.0, 0.0}, {c, 0.0}, {0.0, c}, {0.0, -c}, {0.7 * c, -0.7 * c}}) {
+      if (kSanitized && x != c) continue;
       const Case one{"", plate, x, y};
       SCOPED_TRACE(::testing::Message() << one);
       const Both both(one);
@@ -281,6 +284,7 @@ TEST(Insertion, APegThatJamsPressesWithTheSameForceWithEitherLink) {
       EXPECT_LT(o.energy, 0.06);
     }
     expect_alike(both, 0.01, 0);
+    if (kSanitized) return;
   }
   const Outcome coarse = lower({"inside", "plate_tight", -0.8, 0.5}),
                 fine = lower({"inside", "plate_tight", -0.8, 0.5, "tree", 1, 4});
@@ -300,6 +304,7 @@ TEST(Insertion, AllSolversAndShorterStepsFindTheSameForces) {
       EXPECT_LT((other.steady - tree.steady).norm(), 2e-3 * tree.steady.norm());
       EXPECT_NEAR(other.largest, tree.largest, 0.02 * tree.largest);
     }
+    if (kSanitized) break;
   }
 }
 
@@ -313,6 +318,7 @@ TEST(Insertion, UndampedGearsDoNotOscillate) {
       EXPECT_LT(without.largest, 1.1 * with.largest) << plate;
       EXPECT_LT(without.shake, 0.01) << plate;
     }
+    if (kSanitized) break;
   }
 }
 
