@@ -28,8 +28,10 @@ constexpr double kDropOfLag = 0.14;    // per joint
 constexpr double kDropOfSign = -0.02;  // it is enough that nothing fits worse
 constexpr double kLeastTilt = 3 * std::numbers::pi / 180, kLeastRate = 1.3, kMostRate = 5;
 constexpr double kLeastFriction = 0.03;  // of a joint's torque: friction that has a sign at all
-constexpr double kLeastError = 1e-4;     // of a joint's torque: smaller errors are rounding
+constexpr double kLeastError = 1e-4;     // of a joint's torque: smaller errors are rounding,
+constexpr double kGoodError = 0.01;      // and smaller ones than this no evidence: no model of friction is better
 
+constexpr Index kFriction = 3;         // columns of friction: two widths of Coulomb's, viscous
 constexpr double kSeenFriction = 0.5;  // of its error
 constexpr double kSureFriction = 10;   // standard deviations; filtered errors are not independent
 
@@ -148,7 +150,8 @@ const Search::Columns& Search::columns_of(const Hypothesis& h, std::size_t most)
   columns = {h, most, {}, {}};
   for (std::size_t j = 0; j < n_; ++j) {
     Index drive = 1;
-    if (counts(j)) drive = 3 + (options_.motor_inertia ? 1 : 0) + (options_.harmonics.empty() ? 0 : 2 * options_.harmonics[j]);
+    if (counts(j))
+      drive = 1 + kFriction + (options_.motor_inertia ? 1 : 0) + (options_.harmonics.empty() ? 0 : 2 * options_.harmonics[j]);
     columns.C.emplace_back(MatrixXd::Zero(rows, b + drive));
   }
   MatrixXd Y(robot.n(), 10 * robot.body_count());
@@ -172,10 +175,10 @@ const Search::Columns& Search::columns_of(const Hypothesis& h, std::size_t most)
       for (Index c = 0; c < b; ++c) row[c] = Y(i, base_[static_cast<std::size_t>(c)]);
       row[b] = 1;
       if (!counts(j)) continue;
-      const double v = h.rate * value(kept_.v, j);
-      row[b + 1] = std::tanh(v / (speed_scale(robot_.joints[j]) * options_.v_R));
-      row[b + 2] = v;
-      Index next = b + 3;
+      // Friction's shape is unknown: it must not tell the rate of the clock.
+      const double v = value(kept_.v, j), v_R = speed_scale(robot_.joints[j]) * options_.v_R;
+      row.segment(b + 1, kFriction) << std::tanh(v / v_R), std::tanh(v / (5 * v_R)), v;
+      Index next = b + 1 + kFriction;
       if (options_.motor_inertia) row[next++] = h.rate * h.rate * value(kept_.a, j);
       for (int harmonic = 1; next < row.size(); ++harmonic) {
         row[next++] = std::sin(harmonic * q[i]);
@@ -255,12 +258,12 @@ Fit Search::fit(const Hypothesis& h, std::size_t most) {
   for (const int j : all_) {
     const auto k = static_cast<std::size_t>(j);
     fit.score += std::log(std::max(fit.rms[j], least[j]));
-    const VectorXd v = columns.C[k].col(b + 2);
+    const VectorXd v = columns.C[k].col(b + kFriction);
     const double speed = v.norm();
     if (!(speed > 0)) continue;
     VectorXd power = VectorXd::Zero(unknowns);
-    power.segment(first[k] + 1, 2) = columns.C[k].middleCols(b + 1, 2).transpose() * v / (speed * std::sqrt(N));
-    fit.friction[j] = power.segment(first[k] + 1, 2).dot(own[k].segment(b + 1, 2));
+    power.segment(first[k] + 1, kFriction) = columns.C[k].middleCols(b + 1, kFriction).transpose() * v / (speed * std::sqrt(N));
+    fit.friction[j] = power.segment(first[k] + 1, kFriction).dot(own[k].segment(b + 1, kFriction));
     const VectorXd scaled = s.cwiseProduct(power);
     fit.deviation[j] = std::sqrt(std::max(0.0, scaled.dot(numerics::solve_ldlt(A, scaled))));
   }
@@ -270,9 +273,14 @@ Fit Search::fit(const Hypothesis& h, std::size_t most) {
 /// Keeps the candidate with the largest drop of the score.
 void Search::offer(Finding::Kind kind, const std::vector<int>& joints, double value, const Hypothesis& truth, double enough) {
   const Fit after = fit(truth, kAll);
-  const double drop = before_.score - after.score;
-  double own = 0;
-  for (const int j : joints) own += std::log(before_.rms[j] / std::max(after.rms[j], kLeastError * after.torque_rms[j]));
+  const auto gained = [&](const std::vector<int>& of, double least) {
+    double sum = 0;
+    for (const int j : of)
+      sum += std::log(std::max(before_.rms[j], least * before_.torque_rms[j]) /
+                      std::max(after.rms[j], least * after.torque_rms[j]));
+    return sum;
+  };
+  const double drop = gained(all_, kGoodError), own = gained(joints, kLeastError);
   const double gain = std::exp(own / static_cast<double>(joints.size()));
   if (!(drop >= enough) || (best_ && drop <= best_->drop)) return;
   best_ = {{kind, joints, value, truth.gravity, gain, before_.rms, after.rms}, truth, drop, after};

@@ -77,7 +77,7 @@ std::string sentence(const Settings& settings, const Data& data, const identific
              "; is the unit or the rate of the time column another one? Then --time-unit or --rate";
     case Kind::kLag:
       return "torques of " + (finding.joints.size() == data.robot.joints.size() ? "all joints" : names_of(data, finding)) +
-             " that come " + digits(1e3 * std::abs(finding.value), 2) + " ms " + (finding.value > 0 ? "after" : "before") +
+             " that come " + digits(1e3 * std::abs(finding.value)) + " ms " + (finding.value > 0 ? "after" : "before") +
              " the motion are explained " + gain_of(data, finding) + "; expected positions and torques of the same instant";
     case Kind::kTorques:
       return "with the torque columns of " + names_of(data, finding) + " exchanged they are explained " +

@@ -50,6 +50,7 @@ std::optional<Replay> choose_replay(const Settings& settings, const Data& data) 
     best->begin = begin;
     best->end = begin + most;
   }
+  if (best->end - best->begin < 2) return std::nullopt;  // of steps of minutes
   best->boundary = std::clamp(boundary, best->begin, best->end);
   best->step = data.smoothing.step;
   return best;

@@ -57,6 +57,8 @@ std::string no_such_column(std::string_view name, const std::vector<std::string>
   const std::string candidate = text::closest(name, names);
   std::string message = "has no column '" + std::string(name) + "'";
   if (!candidate.empty()) return message + ", did you mean '" + candidate + "'?";
+  if (names.size() == 1 && names[0].find(' ') != std::string::npos)
+    return message + "; the table has one column, whose name has blanks, expected a comma, semicolon or tab between cells";
   message += ", expected one of";
   for (const std::string& n : names) {
     message += " '" + n + "'";

@@ -42,7 +42,8 @@ struct Sums {
 /// The sampling step at the start of a file of the log.
 double first_step(const Log& log, std::size_t file, std::span<const trajectory::Axis> axes) {
   constexpr std::size_t kSteps = 4095;
-  Log one{{log.files[file]}, log.format};
+  Log one = log;
+  one.files = {log.files[file]};
   LogReader reader(one, axes, kInfinity);
   std::vector<double> t;
   while (t.size() <= kSteps && reader.next()) t.push_back(reader.sample().t());
@@ -128,12 +129,17 @@ class Surveyor {
                                                 " s as in " + log_.files[0].string());
       }
     }
-    if (first >= 0.5) {
+    constexpr double kUsual = 0.5, kSlowest = 10;  // s
+    if (first >= kUsual) {
       const char* const words[] = {"milliseconds? Then --time-unit ms", "microseconds? Then --time-unit us",
                                    "nanoseconds? Then --time-unit ns"};
-      const int unit = first < 500 ? 0 : first < 5e5 ? 1 : 2;
-      implausible(log_.files[0].string() + ": column of time",
-                  "the median step is " + number(first) + " s, expected less than 0.5 s; are these " + words[unit]);
+      const int unit = first < 1e3 * kUsual ? 0 : first < 1e6 * kUsual ? 1 : 2;
+      const std::string place = log_.files[0].string() + ": column of time",
+                        fact = "the median step is " + number(first) + " s, expected less than 0.5 s; are these " + words[unit];
+      if (first > kSlowest && log_.format.rate > 0)
+        throw Error("--rate", number(log_.format.rate) + " Hz, expected at least 2 Hz");
+      if (first > kSlowest) throw Error(place, fact);
+      implausible(place, fact);
     }
     return first;
   }
@@ -270,8 +276,9 @@ class Surveyor {
                                               std::to_string(kLeast) + " to identify anything");
     }
     std::size_t standing = 0;
+    const bool wrong_clock = result_.has_speeds && check_clock();
     for (std::size_t j = 0; j < n_; ++j) {
-      finish_joint(j);
+      finish_joint(j, wrong_clock);
       standing += moves(j) ? 0 : 1;
     }
     if (standing == n_) throw Error(log_.files[0].string(), "no joint moves, expected a motion that excites the robot");
@@ -280,7 +287,7 @@ class Surveyor {
 
   bool moves(std::size_t j) const { return result_.moves(j); }
 
-  void finish_joint(std::size_t j) {
+  void finish_joint(std::size_t j, bool wrong_clock) {
     JointSurvey& joint = result_.joints[j];
     const std::string file = log_.files[0].string() + ": column '";
     const std::string tau_place = file + joint.tau_column + "'", q_place = file + joint.q_column + "'";
@@ -301,7 +308,7 @@ class Surveyor {
     if (!passive && joint.tau_max > joint.tau_min) check_gravity(j, tau_place);
     if (!passive && moves(j))
       for (const std::string& sentence : watch_[j].damage(axes_[j], tau_place, frozen_[j])) result_.damage.push_back(sentence);
-    if (result_.has_speeds && moves(j)) check_velocities(j);
+    if (result_.has_speeds && moves(j) && !wrong_clock) check_velocities(j);
   }
 
   // The gravity of a prior is accurate enough to check sign and size of a torque.
@@ -323,11 +330,28 @@ class Surveyor {
           place, "is " + number(joint.tau_rms) + effort_unit(j) + " RMS where the URDF's gravity alone is " +
                      number(joint.gravity_rms) + effort_unit(j) +
                      ", expected torques behind the gear; are these the motor's? Then --tau-scale with the gear ratio (about " +
-                     number(1 / ratio) + ")");
+                     number(1 / ratio) + "), or another joint's? Then --tau-columns");
     } else if (joint.gravity_rms > floor && joint.gravity_correlation > 0.8 && sums.slope() > 10) {
       implausible(place, "is " + number(sums.slope()) + " times the URDF's gravity, expected" + effort_unit(j) +
                              "; another unit? Then --tau-scale");
     }
+  }
+
+  /// Velocities that are those of the positions at another rate of time, alike in all joints: then the time column is wrong.
+  bool check_clock() {
+    constexpr double kAlike = 0.1, kSure = 0.9, kLeast = 1.3, kMost = 5;
+    double least = kInfinity, most = 0;
+    for (std::size_t j = 0; j < n_; ++j) {
+      if (!moves(j) || speed_[j].n == 0 || speed_[j].correlation() < kSure) continue;
+      least = std::min(least, speed_[j].slope());
+      most = std::max(most, speed_[j].slope());
+    }
+    const double rate = 0.5 * (least + most), factor = std::max(rate, 1 / rate);
+    if (!(most - least < kAlike * rate) || factor < kLeast || factor > kMost) return false;
+    result_.damage.push_back(log_.files[0].string() + ": velocities of all joints are " + number(rate) +
+                             " times the derivatives of the positions, expected the same; does time run " + number(1 / rate) +
+                             " times as fast as the log's? Then --time-unit or --rate");
+    return true;
   }
 
   void check_velocities(std::size_t j) {

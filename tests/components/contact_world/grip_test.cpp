@@ -4,6 +4,7 @@
 #include <Eigen/Geometry>
 #include <cmath>
 #include <numbers>
+#include <string_view>
 
 #include "tests/components/contact_world/methods.h"
 #include "tests/support/allocations.h"

@@ -174,9 +174,49 @@ TEST(TuneAlarm, AResultThatIsWorseThanNoModelIsAnAlarmUnlessItIsAccepted) {
   EXPECT_THAT(alarmed.err, HasSubstr("expected below the torque itself"));
   EXPECT_THAT(content(robot().folder / "alarm/report.md"), HasSubstr("**Alarm**"));
   EXPECT_EQ(robot().figures("alarm")["alarms"].size(), 1u);
+  EXPECT_EQ(robot().figures("alarm")["verdicts"].size(), 7u);
   EXPECT_EQ(run(tune + " --accept-result").code, 0);
   EXPECT_EQ(run("tune --robot prior.urdf --data log.csv --method feasible --cutoff 5 --out fine --quiet").code, 0);
   EXPECT_EQ(robot().figures("fine")["alarms"].size(), 0u);
+}
+
+TEST(TuneAlarm, EvidenceOfAWrongLogNamesTheOptionThatMendsIt) {
+  const auto expect = [](const char* what, const std::function<void(std::size_t, std::vector<double>&)>& spoil,
+                         const std::string& mends, const std::string& kind) {
+    SCOPED_TRACE(what);
+    robot().log.write(robot().folder / "wrong.csv", robot().truth, spoil);
+    const std::string tune =
+        "tune --robot prior.urdf --data wrong.csv --method feasible --cutoff 5 --quiet --overwrite --out wrong";
+    const RunResult wrong = run(tune);
+    EXPECT_EQ(wrong.code, 1) << wrong.err;
+    EXPECT_THAT(wrong.err, HasSubstr(mends));
+    EXPECT_THAT(content(robot().folder / "wrong/report.md"), HasSubstr(mends));
+    ASSERT_EQ(robot().figures("wrong")["findings"].size(), 1u);
+    EXPECT_EQ(robot().figures("wrong")["findings"][0]["kind"], kind);
+    const RunResult mended = run(tune + " " + mends.substr(0, mends.find(" or ")));
+    EXPECT_EQ(mended.code, 0) << mended.err;
+  };
+  expect(
+      "torques exchanged", [](std::size_t, std::vector<double>& cells) { std::swap(cells[12], cells[14]); },
+      "--tau-columns tau1,tau2,tau3,tau4,tau7,tau6,tau5", "torque columns");
+  expect(
+      "sign", [](std::size_t, std::vector<double>& cells) { cells[14] *= -1; }, "--tau-scale 1,1,1,1,1,1,-1", "sign");
+}
+
+TEST(TuneAlarm, MassesFarFromTheUrdfAreToldAndTheBoundThatHoldsThem) {
+  robot::RobotModel heavy = robot().truth;
+  for (robot::Body& body : heavy.bodies) {
+    body.inertia.mass *= 8;
+    body.inertia.I_CC *= 8;
+  }
+  robot().log.write(robot().folder / "heavy.csv", heavy);
+  const std::string tune =
+      "tune --robot prior.urdf --data heavy.csv --method feasible --cutoff 5 --quiet --accept-result --out heavy --overwrite";
+  const RunResult bound = run(tune);
+  EXPECT_THAT(bound.err, HasSubstr("warning: moving mass "));
+  EXPECT_THAT(content(robot().folder / "heavy/report.md"), HasSubstr("--mass-factor 50"));
+  EXPECT_THAT(run(tune + " --mass-factor 50").err, HasSubstr(": good"));
+  EXPECT_EQ(robot().figures("heavy")["settings"]["mass_factor"], 50);
 }
 
 TEST(TuneAlarm, TheFeasibleRobotIsWrittenIfTheSwarmIsFarFromIt) {

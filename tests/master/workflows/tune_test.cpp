@@ -403,7 +403,15 @@ TEST(TuneProgram, PrintsATablePerJointAndWhereTheFilesAre) {
   const RunResult tuned =
       run({"tune", "--robot", "prior.urdf", "--data", "log.csv", "--out", "table", "--rounds", "5", "--cutoff", "5"});
   ASSERT_EQ(tuned.code, 0) << tuned.err;
-  EXPECT_EQ(tuned.err, "");  // no progress bar if stderr is no terminal
+  std::istringstream err(tuned.err);  // a verdict per joint, and no progress bar if stderr is no terminal
+  std::string line;
+  int joints = 0;
+  while (std::getline(err, line)) {
+    if (line.starts_with("cotwin: warning: ")) continue;
+    const std::string joint = "joint_" + std::to_string(++joints);
+    EXPECT_THAT(line, ::testing::MatchesRegex("cotwin: " + joint + ": held-out error .* N.m of .* N.m .*: good"));
+  }
+  EXPECT_EQ(joints, 7);
   EXPECT_THAT(tuned.out, AllOf(HasSubstr("prior"), HasSubstr("swarm"), HasSubstr("feasible"), HasSubstr("floor"),
                                HasSubstr("max, feasible")));
   EXPECT_THAT(tuned.out, AllOf(HasSubstr("held out"), HasSubstr("joint_7"), HasSubstr("results: table")));
@@ -459,6 +467,12 @@ TEST(TuneProgram, BadInputIsExitCodeTwoWithPlaceFactAndExpectation) {
                  {"log.csv: the longest segment without a gap is 40 s, expected more than 200 s"});
   expect_refused({"tune", "--robot", "prior.urdf", "--data", "log.csv", "--harmonics", "0,5,0,0,0,0,0"},
                  {"--harmonics: 5, expected 0 to 4"});
+  expect_refused({"tune", "--robot", "prior.urdf", "--data", "log.csv", "--held-out", "log.csv"},
+                 {"--held-out: log.csv has the bytes of log.csv, expected a log that no solver sees"});
+  expect_refused({"tune", "--robot", "prior.urdf", "--data", "log.csv", "--mass-factor", "1"},
+                 {"--mass-factor: 1, expected 1.01 to"});
+  expect_refused({"tune", "--robot", "prior.urdf", "--data", "log.csv", "--rate", "0.001", "--accept-data"},
+                 {"--rate: 0.001 Hz, expected at least 2 Hz"});
   expect_refused({"tune", "--resume", "nowhere"}, {"nowhere/resume.json: cannot be read"});
   EXPECT_FALSE(fs::exists(robot().folder / "results"));
 }

@@ -5,6 +5,7 @@
 
 #include <Eigen/Dense>
 #include <functional>
+#include <set>
 
 #include "models/foundation/support/error.h"
 #include "models/identification/torque_data/drive_terms.h"
@@ -455,8 +456,34 @@ TEST(Feasible, StaysWithinANarrowBox) {
   EXPECT_TRUE((result.xi.array() >= problem.lower().array()).all() && (result.xi.array() <= problem.upper().array()).all());
   const VectorXd width = problem.upper() - problem.lower();
   EXPECT_GT(((result.xi - problem.lower()).cwiseMin(problem.upper() - result.xi).array() < 1e-4 * width.array()).count(), 5);
+  std::set<ActiveBound::Kind> kinds;
+  for (const ActiveBound& bound : problem.active_bounds(result.xi)) kinds.insert(bound.kind);
+  EXPECT_THAT(kinds, ::testing::IsSupersetOf({ActiveBound::Kind::kMass, ActiveBound::Kind::kShift}));
+  EXPECT_TRUE(problem.active_bounds(VectorXd::Zero(problem.dimensions())).empty());
   const FeasibleResult descents = solve_feasible(problem, {.convex = false, .starts = 2, .iterations = 2000});
   EXPECT_GE(descents.cost, result.cost * (1 - 1e-6));
+}
+
+// A slide of a tenth of a metre a second at most, whose friction changes sign within 2 mm/s.
+TEST(Friction, OfASlideChangesItsSignWithinATenthOfTheSpeedOfARevoluteJoint) {
+  const robot::RobotModel gantry = robot::load_urdf(places::source() + "/tests/components/data/gantry.urdf");
+  Estimate truth = truth_of(gantry);
+  int slides = 0;
+  for (std::size_t j = 0; j < truth.drive.size(); ++j)
+    if (gantry.joints[j].type == robot::JointType::kPrismatic) {
+      truth.drive[j].v_R = 2e-3;
+      ++slides;
+    }
+  ASSERT_GT(slides, 0);
+  Samples samples = simulate(gantry, truth, 2000, 0);
+  for (std::vector<double>* values : {&samples.q, &samples.dq, &samples.ddq})
+    for (double& x : *values) x *= 0.05;
+  samples.tau = torques(gantry, truth, samples);
+  const FeasibleResult result = solve_feasible(Problem(compressed(gantry, samples), gantry));
+  for (std::size_t j = 0; j < truth.drive.size(); ++j) {
+    EXPECT_NEAR(result.estimate.drive[j].tau_C, truth.drive[j].tau_C, 0.02 * truth.drive[j].tau_C) << j;
+    EXPECT_EQ(result.estimate.drive[j].v_R, truth.drive[j].v_R) << j;
+  }
 }
 
 TEST(Feasible, StopsOnRequestAndIsNeverWorseThanThePrior) {

@@ -19,8 +19,10 @@ using cotwin::testing::SyntheticLog;
 using cotwin::testing::TemporaryFolder;
 using ::testing::AllOf;
 using ::testing::Contains;
+using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
+using ::testing::Not;
 
 robot::RobotModel lwr4() { return robot::load_urdf(places::source() + "/models/robots/lwr4/robot.urdf"); }
 
@@ -66,6 +68,92 @@ TEST_F(LogSurvey, TimeThatRunsBackwardsIsAnErrorThatNamesBothLines) {
   });
   EXPECT_THAT(error(), AllOf(HasSubstr("log.csv:52: column 't'"), HasSubstr("before the time on line 51"),
                              HasSubstr("expected increasing time")));
+}
+
+TEST_F(LogSurvey, FewBadRowsAreLeftOutAndCounted) {
+  write([](std::size_t row, std::vector<double>& cells) {
+    if (row == 50) cells[0] -= 0.1;  // out of order
+    if (row == 99) cells[kTau + 2] = std::nan("");
+    if (row == 700) cells[3] += 1;  // alone far away
+  });
+  std::ofstream(folder_ / "log.csv", std::ios::app) << "20.005,0.1,0.";  // half written
+  Log lenient = log();
+  lenient.skip = 0.01;
+  const Survey result = survey(lenient, robot_);
+  EXPECT_EQ(result.samples, 3998u);
+  EXPECT_THAT(result.warnings,
+              Contains(AllOf(HasSubstr("4 rows are left out (--skip-rows)"), HasSubstr("log.csv:52: column 't'"))));
+  // The smoothing leaves out the same rows: the motion is the one without damage.
+  const std::vector<trajectory::Axis> axes = trajectory::axes_of(robot_);
+  const Smoothing smoothing{.step = result.step, .cutoff = 5};
+  SmoothedLog smoothed(lenient, axes, smoothing, result.gap);
+  std::size_t measured = 0;
+  while (const Block* block = smoothed.next())
+    for (std::size_t k = 0; k < block->count; ++k) {
+      measured += block->measured[k] ? 1 : 0;
+      EXPECT_NEAR(block->q[k * 7 + 2], synthetic_.motion(2, block->t[k])[0], 1e-3);
+    }
+  EXPECT_GT(measured, 3500u);
+}
+
+TEST_F(LogSurvey, ManyBadRowsAreAnErrorThatNamesTheFirst) {
+  write([](std::size_t row, std::vector<double>& cells) {
+    if (row % 50 == 49) cells[kTau + 2] = std::nan("");
+  });
+  Log lenient = log();
+  lenient.skip = 0.01;
+  EXPECT_THAT(error(lenient),
+              AllOf(HasSubstr("log.csv:51: column 'tau3'"), HasSubstr("80 of 4001 rows are like this, expected at most 1 %"),
+                    HasSubstr("--skip-rows")));
+  lenient.skip = 0.03;
+  EXPECT_EQ(survey(lenient, robot_).samples, 3921u);
+}
+
+TEST_F(LogSurvey, AJumpThatStaysIsNoOutlier) {
+  write([](std::size_t row, std::vector<double>& cells) {
+    if (row >= 2000) cells[3] += 0.5;
+  });
+  Log lenient = log();
+  lenient.skip = 0.01;
+  EXPECT_THAT(error(lenient), AllOf(HasSubstr("log.csv:2002: column 'q3'"), HasSubstr("would have moved with")));
+}
+
+TEST_F(LogSurvey, WrappedPositionsAreNamed) {
+  write([](std::size_t, std::vector<double>& cells) { cells[1] = std::remainder(8 * cells[1], 2 * std::numbers::pi); });
+  robot_.joints[0].q_max = std::numbers::pi;
+  robot_.joints[0].q_min = -robot_.joints[0].q_max;
+  EXPECT_THAT(error(), AllOf(HasSubstr("column 'q1'"), HasSubstr("nearly a whole turn: positions are wrapped")));
+}
+
+TEST_F(LogSurvey, TorquesThatAreCutOffOrStandStillAreDamage) {
+  write();
+  EXPECT_THAT(survey(log(), robot_).damage, IsEmpty());
+  write([](std::size_t, std::vector<double>& cells) { cells[kTau + 1] = std::min(cells[kTau + 1], 12.0); });
+  EXPECT_THAT(survey(log(), robot_).damage,
+              ElementsAre(AllOf(HasSubstr("column 'tau2': is 12 N.m in "), HasSubstr("are torques cut off there?"))));
+  write([](std::size_t row, std::vector<double>& cells) {
+    static double kept = 0;
+    if (row == 1000) kept = cells[kTau + 3];
+    if (row >= 1000 && row < 1400) cells[kTau + 3] = kept;
+  });
+  EXPECT_THAT(survey(log(), robot_).damage,
+              ElementsAre(AllOf(HasSubstr("column 'tau4': stood still for 1."), HasSubstr("while joint_4 moved by"))));
+}
+
+TEST_F(LogSurvey, TorquesOfLowResolutionAndOfARobotAtRestAreNoDamage) {
+  synthetic_.noise = 1e-9;
+  for (const double resolution : {0.1, 1.0}) {
+    write([&](std::size_t, std::vector<double>& cells) {
+      for (std::size_t j = 0; j < 7; ++j) cells[kTau + j] = resolution * std::round(cells[kTau + j] / resolution);
+    });
+    EXPECT_THAT(survey(log(), robot_).damage, IsEmpty()) << resolution;
+  }
+  std::vector<double> last;
+  write([&](std::size_t row, std::vector<double>& cells) {
+    if (row == 3000) last = cells;
+    if (row > 3000) std::copy(last.begin() + 1, last.end(), cells.begin() + 1);
+  });
+  EXPECT_THAT(survey(log(), robot_).damage, IsEmpty());
 }
 
 TEST_F(LogSurvey, AGapIsAWarningAndCutsTheLogIntoSegments) {
@@ -122,6 +210,14 @@ TEST_F(LogSurvey, DegreesReadAsRadiansAreAnError) {
 TEST_F(LogSurvey, MillisecondsReadAsSecondsAreAnError) {
   write([](std::size_t, std::vector<double>& cells) { cells[0] *= 1000; });
   EXPECT_THAT(error(), AllOf(HasSubstr("median step is 5 s"), HasSubstr("milliseconds? Then --time-unit ms")));
+  write([](std::size_t, std::vector<double>& cells) { cells[0] *= 1e6; });
+  EXPECT_THAT(error(), HasSubstr("microseconds? Then --time-unit us"));
+  write([](std::size_t, std::vector<double>& cells) { cells[0] *= 1e9; });
+  EXPECT_THAT(error(), HasSubstr("nanoseconds? Then --time-unit ns"));
+  Log slow = log();
+  slow.format.rate = 1e-3;
+  EXPECT_THAT(error_of([&] { survey(slow, robot_, {.accept = true}); }), HasSubstr("--rate: 0.001 Hz, expected at least 2 Hz"));
+  write([](std::size_t, std::vector<double>& cells) { cells[0] *= 1000; });
   Log in_ms = log();
   in_ms.format.t_unit = 1e-3;
   EXPECT_NEAR(survey(in_ms, robot_).rate(), 200, 1e-6);
@@ -161,8 +257,8 @@ TEST_F(LogSurvey, ALogWithoutMotionIsAnError) {
 
 TEST_F(LogSurvey, TorquesAgainstGravityAreAnErrorUnlessAccepted) {
   write([](std::size_t, std::vector<double>& cells) { cells[kTau + 1] *= -1; });
-  EXPECT_THAT(error(),
-              AllOf(HasSubstr("column 'tau2'"), HasSubstr("goes against the URDF's gravity"), HasSubstr("--tau-scale -1")));
+  EXPECT_THAT(error(), AllOf(HasSubstr("column 'tau2'"), HasSubstr("goes against the URDF's gravity"),
+                             HasSubstr("--tau-scale 1,-1,1,1,1,1,1")));
   const Survey accepted = survey(log(), robot_, {.accept = true});
   EXPECT_THAT(accepted.warnings, Contains(HasSubstr("goes against the URDF's gravity")));
   EXPECT_LT(accepted.joints[1].gravity_correlation, -0.9);
@@ -201,6 +297,48 @@ TEST_F(LogSurvey, VelocitiesThatAreNotThoseOfThePositionsAreWarnings) {
   const std::vector<std::string> warnings = survey(log(), two, {.accept = true}).warnings;
   EXPECT_THAT(warnings, Contains(AllOf(HasSubstr("is 57"), HasSubstr("times the derivative of column 'q1'"))));
   EXPECT_THAT(warnings, Contains(HasSubstr("is not the derivative of column 'q2' (correlation -1)")));
+}
+
+TEST_F(LogSurvey, VelocitiesAreComparedOverLongerThanTheResolutionOfTheEncoder) {
+  std::ofstream out(folder_ / "log.csv");
+  out << "t,q1,q2,dq1,dq2,tau1,tau2\n";
+  for (int k = 0; k < 5000; ++k) {
+    const double t = k * 1e-3, s = std::sin(t), c = std::cos(t);
+    out << t << ',' << 2e-3 * std::round(s / 2e-3) << ',' << 2e-3 * std::round(s / 4e-3) << ',' << c << ',' << 0.5 * c << ','
+        << s + 0.01 * k << ',' << c << '\n';
+  }
+  out.close();
+  const robot::RobotModel two = robot::load_urdf(places::source() + "/models/robots/planar2/robot.urdf");
+  for (const std::string& warning : survey(log(), two, {.accept = true}).warnings)
+    EXPECT_THAT(warning, Not(HasSubstr("derivative"))) << warning;
+}
+
+TEST_F(LogSurvey, VelocitiesOfAnotherClockAreDamage) {
+  const robot::RobotModel two = robot::load_urdf(places::source() + "/models/robots/planar2/robot.urdf");
+  for (const double rate : {0.5, 1.0, 2.0}) {
+    std::ofstream out(folder_ / "log.csv");
+    out << "t,q1,q2,dq1,dq2,tau1,tau2\n";
+    for (int k = 0; k < 500; ++k) {
+      const double t = k * 0.01, s = std::sin(t), c = std::cos(t);
+      out << rate * t << ',' << s << ',' << 0.5 * s << ',' << c << ',' << 0.5 * c << ',' << s + 0.01 * k << ',' << c << '\n';
+    }
+    out.close();
+    const Survey result = survey(log(), two, {.accept = true});
+    if (rate == 1)
+      EXPECT_THAT(result.damage, IsEmpty());
+    else
+      EXPECT_THAT(result.damage,
+                  ElementsAre(HasSubstr("velocities of all joints are " + std::string(rate == 2 ? "2" : "0.5"))));
+  }
+}
+
+TEST_F(LogSurvey, AMissingColumnListsThoseThatThereAre) {
+  std::ofstream(folder_ / "log.csv") << "t,q1,q2,q3,q4,q5,q6,q7,load1,load2\n";
+  EXPECT_THAT(error(), AllOf(HasSubstr("has no columns of measured torques"), HasSubstr("'load{}'")));
+  std::ofstream(folder_ / "log.csv") << "stamp,q1,q2\n0,0,0\n";
+  EXPECT_THAT(error(), AllOf(HasSubstr("has no column 't', 'time' or 'timestamp'"), HasSubstr("'q{}'")));
+  std::ofstream(folder_ / "log.csv") << "timestamp actual_q_0 actual_q_1\n0 0 0\n";
+  EXPECT_THAT(error(), HasSubstr("whose name has blanks, expected a comma, semicolon or tab"));
 }
 
 TEST_F(LogSurvey, LogsOfDifferentRatesAreAnError) {
