@@ -27,10 +27,10 @@ struct Finding {
   Eigen::VectorXd before, after;                      // n: RMS errors, N.m (prismatic: N)
 };
 
-/// Looks for damage of a log by least squares over base parameters, viscous and Coulomb friction, offset and motor inertia,
-/// without any prior: each joint has its own error variance, which is estimated with the parameters (maximum likelihood by
-/// reweighting). Every hypothesis changes the data and is fitted anew. What a scale of all torques, a load, other lengths of
-/// links or other zero positions would change, no log tells.
+/// Looks for damage of a log by least squares over base parameters, friction, offset and motor inertia, without any prior: each
+/// joint has its own error variance, which is estimated with the parameters (maximum likelihood by reweighting). Every
+/// hypothesis changes the data and is fitted anew; it counts if robots about the URDF that can exist fit better with it, too.
+/// What a scale of all torques, a load, other lengths of links or other zero positions would change, no log tells.
 class Diagnosis {
  public:
   /// `step`: s between rows.
@@ -41,7 +41,7 @@ class Diagnosis {
   void add(std::size_t segment, bool measured, const double* q, const double* dq, const double* ddq, const double* tau,
            const double* dtheta = nullptr, const double* ddtheta = nullptr);
 
-  /// The one that explains most first, each with those before it mended; empty for fewer than 100 samples.
+  /// The one that explains most first, each with those before it mended; empty for fewer than 100 samples, or 25 a joint.
   std::vector<Finding> findings() const;
 
   /// Samples in rows of n values: position, speed, acceleration, speed and acceleration of the motor; torques at several times

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <span>
 
 #include "models/foundation/support/text.h"
 #include "models/robot/urdf/urdf_document.h"
@@ -131,38 +132,57 @@ Verdict verdict_of(const Data& data, const Evaluation& evaluation, std::size_t c
 
 std::vector<std::string> bounds_of(const Settings& settings, const Data& data, const identification::Problem& problem,
                                    const identification::FeasibleResult& solution, const Hooks& hooks) {
+  constexpr double kMatters = 0.01;  // of the weighted RMS
   using Bound = identification::ActiveBound::Kind;
-  const std::vector<identification::ActiveBound> active = problem.active_bounds(solution.xi);
-  std::vector<std::string> sentences;
-  const auto look = [&](Bound kind, const std::string& name, const char* option,
-                        std::initializer_list<double identification::Bounds::*> wider, double factor) {
-    std::string names;
-    for (const identification::ActiveBound& bound : active)
-      if (bound.kind == kind) text::append(names, bound.of);
-    if (names.empty() || hooks.stopped()) return;
-    identification::ProblemOptions options = problem_options(settings);
-    options.sigma = problem.sigma();
-    const double now = options.bounds.*(*wider.begin());
-    options.bounds.*(*wider.begin()) *= factor;
-    for (auto other = wider.begin() + 1; other != wider.end(); ++other) options.bounds.** other /= factor;
-    const identification::Problem with(data.training->data, data.robot, options);
-    identification::FeasibleOptions feasible;
-    feasible.stop = hooks.stop;
-    const double rms = identification::solve_feasible(with, feasible).weighted_rms;
-    sentences.push_back(name + ", of " + names + ", is at its bound: weighted RMS " + digits(solution.weighted_rms, 5) +
-                        ", with " + option + digits(now * factor) + " " + digits(rms, 5));
-  };
   using B = identification::Bounds;
   const identification::Bounds& b = settings.bounds;
   const auto speeds = [](double from, double to) { return " (" + digits(from) + " to " + digits(to) + " rad/s)"; };
-  look(Bound::kMass, "mass (within " + digits(b.mass_factor) + " times the URDF's)", "--mass-factor ", {&B::mass_factor}, 10);
-  look(Bound::kStretch, "stretch of the mass distribution (" + digits(b.stretch_factor) + " times)", "--stretch-factor ",
-       {&B::stretch_factor}, 10);
-  look(Bound::kShear, "shear of the mass distribution (" + digits(b.shear) + ")", "--shear ", {&B::shear}, 3);
-  look(Bound::kShift, "shift of the centre of mass (" + digits(b.shift) + " standard deviations)", "--shift ", {&B::shift}, 3);
-  look(Bound::kVR, "v_R" + speeds(b.v_R_min, b.v_R_max), "up to ", {&B::v_R_max, &B::v_R_min}, 10);
-  look(Bound::kVS, "v_S" + speeds(b.v_S_min, b.v_S_max), "up to ", {&B::v_S_max, &B::v_S_min}, 10);
-  look(Bound::kS, "s" + speeds(-b.s_max, b.s_max), "up to ", {&B::s_max}, 10);
+  struct Wider {
+    Bound kind;
+    std::string name, option;
+    double B::*most;
+    double factor;
+    double B::*least = nullptr;
+    std::string of = {};
+  };
+  std::vector<Wider> kinds = {
+      {Bound::kMass, "mass (" + digits(b.mass_factor) + " times the URDF's)", "--mass-factor ", &B::mass_factor, 10},
+      {Bound::kStretch, "stretch of the mass distribution (" + digits(b.stretch_factor) + ")", "--stretch-factor ",
+       &B::stretch_factor, 10},
+      {Bound::kShear, "shear of the mass distribution (" + digits(b.shear) + ")", "--shear ", &B::shear, 3},
+      {Bound::kShift, "shift of the centre of mass (" + digits(b.shift) + ")", "--shift ", &B::shift, 3},
+      {Bound::kVR, "v_R" + speeds(b.v_R_min, b.v_R_max), "up to ", &B::v_R_max, 10, &B::v_R_min},
+      {Bound::kVS, "v_S" + speeds(b.v_S_min, b.v_S_max), "up to ", &B::v_S_max, 10, &B::v_S_min},
+      {Bound::kS, "s" + speeds(-b.s_max, b.s_max), "up to ", &B::s_max, 10}};
+  for (const identification::ActiveBound& bound : problem.active_bounds(solution.xi))
+    for (Wider& kind : kinds)
+      if (kind.kind == bound.kind) text::append(kind.of, bound.of);
+  std::erase_if(kinds, [](const Wider& kind) { return kind.of.empty(); });
+  if (kinds.empty()) return {};
+  const auto rms_with = [&](std::span<const Wider> widened) {
+    identification::ProblemOptions options = problem_options(settings);
+    options.sigma = problem.sigma();
+    for (const Wider& kind : widened) {
+      options.bounds.*kind.most *= kind.factor;
+      if (kind.least != nullptr) options.bounds.*kind.least /= kind.factor;
+    }
+    identification::FeasibleOptions feasible;
+    feasible.stop = hooks.stop;
+    return identification::solve_feasible(identification::Problem(data.training->data, data.robot, options), feasible)
+        .weighted_rms;
+  };
+  const std::string now = ": weighted RMS " + digits(solution.weighted_rms, 5) + ", with ";
+  std::vector<std::string> sentences;
+  const double all = rms_with(kinds);
+  const bool matter = all < (1 - kMatters) * solution.weighted_rms;
+  for (std::size_t k = 0; k < kinds.size(); ++k) {
+    const Wider& kind = kinds[k];
+    const double rms = matter && kinds.size() > 1 ? rms_with(std::span(kinds).subspan(k, 1)) : all;
+    sentences.push_back(kind.name + ", of " + kind.of + ", is at its bound" + now +
+                        (matter ? kind.option + digits(b.*kind.most * kind.factor) : "all bounds wider") + " " +
+                        digits(rms, 5));
+  }
+  if (matter && kinds.size() > 1) sentences.push_back("together" + now + "all of these " + digits(all, 5));
   return sentences;
 }
 

@@ -320,7 +320,8 @@ class Surveyor {
       implausible(place, "goes against the URDF's gravity (correlation " + number(joint.gravity_correlation) +
                              "), expected the torque that drives " + axes_[j].name +
                              "; is its sign, or that of the position, the other way round? Then --tau-scale " +
-                             scales(log_.format.tau_scale, n_, {static_cast<int>(j)}, -1) + ", or --q-scale");
+                             scales(log_.format.tau_scale, n_, {static_cast<int>(j)}, -1) +
+                             ", or --q-scale; or does the robot hang from its base?");
       return;
     }
     const double floor = 0.02 * std::min(robot_.joints[j].tau_max, 50.0);  // N.m, least gravity torque that is compared
@@ -330,7 +331,7 @@ class Surveyor {
           place, "is " + number(joint.tau_rms) + effort_unit(j) + " RMS where the URDF's gravity alone is " +
                      number(joint.gravity_rms) + effort_unit(j) +
                      ", expected torques behind the gear; are these the motor's? Then --tau-scale with the gear ratio (about " +
-                     number(1 / ratio) + "), or another joint's? Then --tau-columns");
+                     number(1 / ratio) + "), or another joint's? Then --tau-columns; or is the base mounted otherwise?");
     } else if (joint.gravity_rms > floor && joint.gravity_correlation > 0.8 && sums.slope() > 10) {
       implausible(place, "is " + number(sums.slope()) + " times the URDF's gravity, expected" + effort_unit(j) +
                              "; another unit? Then --tau-scale");
