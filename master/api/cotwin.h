@@ -426,6 +426,7 @@ struct TuneResult {
   std::vector<double> held_out_rms;        ///< n, N.m or N: on the held-out part; empty if there is none
   std::vector<double> prior_held_out_rms;  ///< n, N.m or N: of the URDF as it was given
   std::vector<std::string> warnings;       ///< of robot, logs, motion and result
+  std::vector<std::string> verdicts;       ///< a sentence per joint
   std::vector<std::string> alarms;         ///< what is wrong with the log, and joints that are predicted badly
   bool interrupted = false;                ///< by TuneOptions::stop during the search
 };

@@ -78,6 +78,7 @@ TuneResult tune(const TuneOptions& options) {
     result.prior_held_out_rms = plain(evaluation.held_out->of[0].rms);
   }
   result.warnings = found.warnings;
+  result.verdicts = found.verdicts;
   result.alarms = found.alarms;
   result.interrupted = found.interrupted;
   return result;

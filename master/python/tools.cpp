@@ -130,6 +130,7 @@ void bind_tools(py::module_& m) {
           "prior_held_out_rms", [](const TuneResult& r) { return vector_of(r.prior_held_out_rms); },
           "(n,), N.m or N: of the URDF as it was given.")
       .def_readonly("warnings", &TuneResult::warnings, "Of robot, logs, motion and result.")
+      .def_readonly("verdicts", &TuneResult::verdicts, "A sentence per joint.")
       .def_readonly("alarms", &TuneResult::alarms, "What is wrong with the log, and joints that are predicted badly.")
       .def_readonly("interrupted", &TuneResult::interrupted, "Whether the progress function ended the search.");
   m.def("tune", &tune_it, "options"_a, "progress"_a);

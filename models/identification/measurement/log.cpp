@@ -55,18 +55,18 @@ void LogReader::check_speed() {
   const double dt = std::max(reader_->t() - t_before_, step_);
   for (std::size_t j = 0; j < axes_.size(); ++j)
     if (const std::string fact = too_fast(axes_[j], log_.format, reader_->q().value[j] - q_before_[j], dt); !fact.empty()) {
-      ++fast_;
-      throw Error(reader_->place(reader_->q(), j), fact + " (--accept-data takes it as it is)");
+      const Error error(reader_->place(reader_->q(), j), fact + " (--accept-data takes it as it is)");
+      if (++fast_ == 1) jump_ = error;
+      throw error;
     }
   fast_ = 0;
 }
 
 void LogReader::leave_out(const Error& error) {
   constexpr double kFirst = 100;  // rows that may be bad at the beginning of a long file
-  if (bad_++ == 0 || fast_ == 1) first_bad_ = error;
-  // Two rows that are both far from the one before are no outliers.
-  if (!(log_.skip > 0) || fast_ > 1 || static_cast<double>(bad_) > kFirst + log_.skip * static_cast<double>(rows_))
-    throw *first_bad_;
+  if (bad_++ == 0) first_bad_ = error;
+  if (fast_ > 1) throw *jump_;  // two rows that are far from the one before are no outliers
+  if (!(log_.skip > 0) || static_cast<double>(bad_) > kFirst + log_.skip * static_cast<double>(rows_)) throw *first_bad_;
   bad_last_ = true;
   if (left_out_++ == 0) why_ = error.what();
 }

@@ -58,7 +58,7 @@ class LogReader {
   std::string why_;
   std::size_t rows_ = 0, bad_ = 0, fast_ = 0;  // of this file; successive rows that are too fast
   bool bad_last_ = false;
-  std::optional<Error> first_bad_;
+  std::optional<Error> first_bad_, jump_;
   std::vector<double> q_before_;
   std::unique_ptr<trajectory::RecordingReader> reader_;
   bool begins_ = false, fresh_ = true;
