@@ -418,17 +418,16 @@ struct TunedParameter {
 
 /// What a tuning found.
 struct TuneResult {
-  std::filesystem::path robot;             ///< URDF with physically consistent inertias
-  std::filesystem::path drive_train;       ///< .ssv with `parameters`
-  std::filesystem::path report;            ///< report.md
-  std::vector<TunedParameter> parameters;  ///< of the drives
-  std::vector<double> training_rms;        ///< n, N.m or N: error of the predicted torques on the training part
-  std::vector<double> held_out_rms;        ///< n, N.m or N: on the held-out part; empty if there is none
-  std::vector<double> prior_held_out_rms;  ///< n, N.m or N: of the URDF as it was given
-  std::vector<std::string> warnings;       ///< of robot, logs, motion and result
-  std::vector<std::string> verdicts;       ///< a sentence per joint
-  std::vector<std::string> alarms;         ///< what is wrong with the log, and joints that are predicted badly
-  bool interrupted = false;                ///< by TuneOptions::stop during the search
+  std::filesystem::path robot;                ///< URDF with physically consistent inertias
+  std::filesystem::path drive_train;          ///< .ssv with `parameters`
+  std::filesystem::path report;               ///< report.md
+  std::vector<TunedParameter> parameters;     ///< of the drives
+  std::vector<double> training_rms;           ///< n, N.m or N: error of the predicted torques on the training part
+  std::vector<double> held_out_rms;           ///< n, N.m or N: on the held-out part; empty if there is none
+  std::vector<double> prior_held_out_rms;     ///< n, N.m or N: of the URDF as it was given
+  std::vector<std::string> warnings;          ///< of robot, logs, motion and result
+  std::vector<std::string> verdicts, alarms;  ///< a sentence per joint; what is wrong with the log, and bad verdicts
+  bool interrupted = false;                   ///< by TuneOptions::stop during the search
 };
 
 /// Tunes a robot's inertias, friction and motors to measured torques. Writes the files of `cotwin tune` into options.out.

@@ -323,9 +323,7 @@ void write_tuning(Page& page, const Results& results, const Gnuplot& gnuplot) {
   for (const json& alarm : list_of(member(f, "alarms"))) page.alarm(text_of(alarm));
   for (const std::string& note : results.notes) page.note(note);
   for (const json& warning : list_of(member(f, "warnings"))) page.note("Warning: " + text_of(warning));
-  std::string verdicts;
-  for (const json& verdict : list_of(member(f, "verdicts"))) text::append(verdicts, escaped(text_of(verdict)), "<br>");
-  if (!verdicts.empty()) page.paragraph(verdicts);
+  for (const json& verdict : list_of(member(f, "verdicts"))) page.paragraph(escaped(text_of(verdict)));
   const std::vector<std::string> joints = joints_of(f);
   write_errors(page, f, joints);
   write_torques(page, results, joints, gnuplot);
