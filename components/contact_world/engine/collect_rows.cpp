@@ -51,6 +51,11 @@ void World::Impl::collect_joint(const LooseJoint& one, Stage stage, double h) {
     made.hi = hi;
     made.softness = softness;
     made.x = std::clamp(x[index(row)], lo, hi);
+    if (row == kMotorRow) {  // presses with the speed that it would give without contacts
+      double mobility = 0;
+      for (const int body : {made.a, made.b}) mobility += body >= 0 ? bodies[index(body)].mobility(d, m, made.p) : 0;
+      made.rest = rest_of(std::min(hi * mobility, std::abs(target - joint.speed(bodies))), h);
+    }
     if (row < 6) made.target = -kShareOfJointError * (d.dot(error.linear) + m.dot(error.angular)) / h;
     row_origin.push_back({one.joint, row});
     rows.add(made);
@@ -79,7 +84,7 @@ void World::Impl::collect_joint(const LooseJoint& one, Stage stage, double h) {
   if (limits.lower > -kInfinity) add(7, d, m, limits.lower, 0, kInfinity, 0);
   if (limits.upper < kInfinity) add(8, d, m, limits.upper, -kInfinity, 0, 0);
   if (joint.friction > 0) add(9, d, m, 0, -joint.friction * h / 2, joint.friction * h / 2, 0);
-  if (axis.motor_torque > 0) add(10, d, m, axis.motor_speed, -axis.motor_torque * h / 2, axis.motor_torque * h / 2, 0);
+  if (axis.motor_torque > 0) add(kMotorRow, d, m, axis.motor_speed, -axis.motor_torque * h / 2, axis.motor_torque * h / 2, 0);
 }
 
 void World::Impl::collect_contact(std::size_t t, Stage stage, double h) {
@@ -88,6 +93,7 @@ void World::Impl::collect_contact(std::size_t t, Stage stage, double h) {
   const double gap = std::abs(touch.point.gap) > kGapNoise ? touch.point.gap : 0;
   const Vector3d& n = touch.point.n_W;
   ConeRow row = contact_row(t);
+  row.rest = rest_of(touch, h);
   if (touch.stiffness < kInfinity) {
     if (!collect_spring(t, row, stage, h)) return;
   } else {
@@ -99,8 +105,7 @@ void World::Impl::collect_contact(std::size_t t, Stage stage, double h) {
       if (stage == Stage::kVelocity && options.method != Method::kDantzig) row.lo = std::min(0.0, -n.dot(touch.sum));
     }
     // Bodies that approach will bounce at the start of the next step.
-    if (touch.restitution > 0 && stage == Stage::kVelocity && normal_velocity(touch) < -kSlow * h * scene.gravity.norm())
-      return;
+    if (touch.restitution > 0 && stage == Stage::kVelocity && normal_velocity(touch) < -row.rest) return;
   }
   if (stage == Stage::kPosition && touch.travel.goes_on) {  // the laws hold for the middle of the step
     const Vector3d change = h / 2 * change_along(touch);
@@ -113,13 +118,8 @@ void World::Impl::collect_contact(std::size_t t, Stage stage, double h) {
     if (share != 1) row.x[k + 1] = share > 0 ? row.x[k + 1] / (share * share) : 0;
   }
   row.x[0] = std::max(row.x[0], row.lo);
-  const auto before = [&](int body) -> Vector3d {
-    if (bodies[index(body)].motion == scene::Motion::kStatic) return Vector3d::Zero();
-    const Start& start = starts[index(body)];
-    return start.v + start.w.cross(row.p - bodies[index(body)].p);
-  };
   row.slid = row.x[0] > 0 && std::hypot(row.x[1], row.x[2]) >= kOnCone * row.mu * row.x[0];
-  row.speed = (before(touch.point.body_b) - before(touch.point.body_a)).norm();
+  row.speed = start_velocity(touch).norm();
   rows.add(row);
   // Bounded by the normal impulse of the last solution: exact for constant forces.
   const double spin = touch.torsion * std::max(n.dot(touch.impulse), 0.0);

@@ -50,9 +50,10 @@ void Rows::reserve_pivoting(std::size_t cones, std::size_t boxes) {
 Rows::Outcome Rows::pivot(int iterations, double tolerance, double rest) {
   Outcome all;
   for (const Island& island : islands_) {
-    const std::size_t few_rows = rest > 0 ? kRowsOfSmall : kRowsToPivot;  // impacts and worlds without gravity know no rest
-    const bool few = rows_of(island) <= few_rows && !at_rest(island, rest);
-    all.add(few ? pivot(island, iterations, tolerance, rest) : sweep(island, iterations, tolerance, rest, Residual::kNone));
+    const double slow = rest_of(island, rest);
+    const std::size_t few_rows = slow > 0 ? kRowsOfSmall : kRowsToPivot;  // impacts and what nothing presses know no rest
+    const bool few = rows_of(island) <= few_rows && !at_rest(island, slow);
+    all.add(few ? pivot(island, iterations, tolerance, slow) : sweep(island, iterations, tolerance, slow, Residual::kNone));
   }
   return all;
 }

@@ -383,6 +383,7 @@ bool Rows::update() {
     row.softness = now.softness + row.regular;
     row.lo = now.lo;
     row.hi = now.hi;
+    row.rest = now.rest;
     row.x = now.x;
     row.applied = now.applied;
     row.inverse_A = 1 / (row.A + row.softness);

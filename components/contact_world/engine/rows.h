@@ -42,6 +42,7 @@ struct BoxRow {
   double u = 0;        // velocity at z = 0
   double A = 0, inverse_A = 0;
   double regular = 0;  // regularisation, part of the softness
+  double rest = 0;     // as that of a ConeRow: of the contacts that the row presses
   bool redundant = false;
   bool exact = false;  // its island is pivoted, because sweeps of stiff rows converge slowly
   Side side[2];
@@ -71,6 +72,7 @@ struct ConeRow {
   double slide[2] = {};                                    // targets of the tangential velocities
   double lift = 0;                                         // part of the target that lifts the bodies out of each other
   double speed = std::numeric_limits<double>::infinity();  // of the point before gravity and drives act in the stage, m/s
+  double rest = 0;                                         // speed below which the point is at rest because something presses it, m/s
   bool slid = true;                                        // the friction of the last solution was at its bound
   double lo = 0;                                           // ≤ 0; Dantzig uses 0
   double x[3] = {}, applied[3] = {};
@@ -125,8 +127,8 @@ class Rows {
     int unsolved = 0;  // islands with a residual above the speed of rest; at rest: above 5 % of it
     void add(const Outcome& of_island);
   };
-  /// Islands of few contacts whose speeds are all below `rest` may take 50 times as many sweeps if they have not converged: their
-  /// friction decides whether they stand.
+  /// Islands of few contacts whose speeds are all below `rest`, or that of a row if it is larger, may take 50 times as many sweeps if they have
+  /// not converged: their friction decides whether they stand.
   Outcome sweep(int iterations, double tolerance, double rest);
   Outcome pivot(int iterations, double tolerance, double rest);
 
@@ -210,6 +212,7 @@ class Rows {
     int least = 0, most = 0;
     double tolerance = 0, tolerance_at_rest = 0;
   };
+  double rest_of(const Island& island, double rest) const;
   bool at_rest(const Island& island, double rest) const;
   Effort effort(const Island& island, int iterations, double tolerance, bool rests, double rest) const;
   Outcome sweep(const Island& island, const Effort& effort, bool accelerate);

@@ -39,7 +39,7 @@ bool World::Impl::collect_spring(std::size_t t, ConeRow& row, Stage stage, doubl
     const double mobility = bodies[index(touch.point.body_a)].inverse_mass + bodies[index(touch.point.body_b)].inverse_mass;
     const bool light = touch.damping * touch.damping * mobility < 4 * kDamped * touch.stiffness;
     row.law.conserves = light;
-    row.slow = kSlow * h * scene.gravity.norm();
+    row.slow = row.rest;
     return touch.gap <= 0 || row.law.conserves;
   }
   return touch.gap <= 0;

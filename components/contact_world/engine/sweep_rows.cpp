@@ -333,6 +333,13 @@ Rows::Outcome Rows::sweep(const Island& island, const Effort& effort, bool accel
   return outcome;
 }
 
+/// Speed below which the island's contacts are at rest.
+double Rows::rest_of(const Island& island, double rest) const {
+  for (std::size_t i = island.first_box; i < island.end_box; ++i) rest = std::max(rest, boxes_[i].rest);
+  for (std::size_t i = island.first_cone; i < island.end_cone; ++i) rest = std::max(rest, cones_[cores_[i].row].rest);
+  return rest;
+}
+
 /// Whether contacts alone hold the island, which moves at less than `rest` before they act.
 bool Rows::at_rest(const Island& island, double rest) const {
   if (rest == 0 || island.first_cone == island.end_cone || island.first_box < island.end_box) return false;
@@ -468,8 +475,9 @@ Rows::Outcome Rows::sweep(int iterations, double tolerance, double rest) {
     bool exact = false;
     for (std::size_t i = island.first_box; i < island.end_box; ++i) exact = exact || boxes_[i].exact;
     exact = exact && rows_of(island) <= kRowsToPivot;
-    all.add(exact ? pivot(island, iterations, tolerance, rest)
-                  : sweep(island, iterations, tolerance, rest, Residual::kOfMovingContacts));
+    const double slow = rest_of(island, rest);
+    all.add(exact ? pivot(island, iterations, tolerance, slow)
+                  : sweep(island, iterations, tolerance, slow, Residual::kOfMovingContacts));
   }
   return all;
 }

@@ -31,12 +31,16 @@ constexpr double kShareOfJointError = 0.2;
 /// Cosine of the angle by which a contact's normal turns in a step at most, unless another feature carries it.
 constexpr double kJump = 0.995;
 
-/// Contacts with restitution that approach more slowly than this times h g are at rest.
+/// Contacts that approach, or in islands move, more slowly than this times the speed that gravity gives in a step are at rest.
 constexpr double kSlow = 2;
+
+/// m/s². Weaker gravity is no measure for rest: where it is weaker, other forces that press bodies together count, up to this acceleration. Nothing is
+/// at rest where nothing presses.
+constexpr double kWeakGravity = 1, kMostPressed = 10;
 
 /// 6 of the joint; spring, lower limit, upper limit, friction, motor; the gear that the joint follows
 constexpr std::size_t kJointRows = 12;
-constexpr int kSpringRow = 6, kGearRow = 11;
+constexpr int kSpringRow = 6, kMotorRow = 10, kGearRow = 11;
 
 /// Part of a contact point in one round of impacts.
 enum class ImpactRole : char { kNone, kStrikes, kSupports };
@@ -209,6 +213,9 @@ struct World::Impl {
   Vector3d change_along(const Contact& touch) const;
   void set_friction(Contact& touch, const scene::Material& a, const scene::Material& b) const;
   double normal_velocity(const Contact& touch) const;
+  Vector3d start_velocity(const Contact& touch) const;
+  double rest_of(double pressed, double h) const;
+  double rest_of(const Contact& touch, double h) const;
 
   scene::Scene scene;
   Options options;
@@ -289,7 +296,7 @@ struct World::Impl {
   double small_energy = 0;   // gains below are no error, J
   std::size_t capacity = 0;  // number of points without allocation
   double margin = 0;
-  double rest = 0;         // speed of contacts at rest, m/s
+  double rest = 0;         // speed of contacts at rest by gravity, m/s
   bool pivots = false;     // a shape has a restitution or a stiffness
   bool torsional = false;  // a surface has torsional friction
   bool prepared = false;   // the rows match these poses and factors

@@ -28,6 +28,7 @@ struct Grip {
   double offset = 0;                    // of the workpiece's centre below the fingers' centres, m
   double mu = 0.8;
   Pads pads = Pads::kBoxes;
+  double gravity = kGravity;  // m/s²; a force on the workpiece does the rest
 };
 
 /// An octagonal prism about z whose faces are at the distance kRadius.
@@ -68,7 +69,7 @@ void shape_pads(const Grip& grip, int i, scene::Body& finger) {
 scene::Scene gripper(const Grip& grip, double mass) {
   scene::Scene scene;
   scene.name = "gripper";
-  scene.gravity = Eigen::AngleAxisd(grip.tilt, Vector3d::UnitX()) * Vector3d(0, 0, -kGravity);
+  scene.gravity = Eigen::AngleAxisd(grip.tilt, Vector3d::UnitX()) * Vector3d(0, 0, -grip.gravity);
   scene::Body piece = cotwin::testing::box("piece", {2 * kRadius, 2 * kRadius, 0.08}, mass, {0, 0, -grip.offset}, grip.mu);
   scene::Shape& shape = piece.shapes[0];
   if (grip.workpiece == Workpiece::kCylinder || grip.workpiece == Workpiece::kCylinderAcross) {
@@ -116,8 +117,12 @@ class GripTest : public cotwin::testing::EachMethod {
   /// How far the workpiece moves, m, `share` of the mass that friction holds, after it has settled for 0.2 s.
   static double way(const Grip& grip, double share, double seconds) {
     World w = world(gripper(grip, share * grip.fingers * grip.mu * kForce / kGravity));
+    Wrench weight = Wrench::Zero();
+    weight.head<3>() = w.scene().bodies[0].inertia.mass * (kGravity - grip.gravity) *
+                            (Eigen::AngleAxisd(grip.tilt, Vector3d::UnitX()) * -Vector3d::UnitZ());
     const auto run = [&](double duration) {
       for (int k = 0; k < std::lround(1000 * duration); ++k) {
+        w.apply(0, weight);
         for (std::size_t j = 0; j < w.scene().joints.size(); ++j) w.set_tau(j, kForce);
         w.step(1e-3);
       }
@@ -155,6 +160,19 @@ TEST_P(GripTest, HoldsWhatFrictionHoldsAndDropsMore) {
     const std::string what = "grip " + std::to_string(&grip - kGrips);
     EXPECT_LT(way(grip, 0.98, 2), 1e-5) << what;
     EXPECT_GT(way(grip, 1.02, 2), 0.1) << what;
+  }
+}
+
+TEST_P(GripTest, HoldsWithoutGravityAsWithIt) {
+  for (const double gravity : {0.0, 1e-12, 1e-9, 0.5}) {
+    for (const Grip& with : kGrips) {
+      Grip grip = with;
+      grip.gravity = gravity;
+      const std::string what = "grip " + std::to_string(&with - kGrips);
+      EXPECT_LT(way(grip, 0.98, 1), 1e-5) << what << ", gravity " << gravity;
+      EXPECT_LT(way(grip, 0.6, 1), 1e-5) << what << ", gravity " << gravity;
+      EXPECT_GT(way(grip, 1.02, 1), 0.05) << what << ", gravity " << gravity;
+    }
   }
 }
 
