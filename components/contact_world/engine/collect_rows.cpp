@@ -25,6 +25,32 @@ constexpr double kGapNoise = 1e-9;  // m
 
 }  // namespace
 
+/// Velocity of b relative to a at the point before the forces of the stage act.
+Vector3d World::Impl::start_velocity(const Contact& touch) const {
+  const auto of = [&](int body) -> Vector3d {
+    if (bodies[index(body)].motion == scene::Motion::kStatic) return Vector3d::Zero();
+    const Start& start = starts[index(body)];
+    return start.v + start.w.cross(touch.point.p_W - bodies[index(body)].p);
+  };
+  return of(touch.point.body_b) - of(touch.point.body_a);
+}
+
+/// Speed below which bodies are at rest that forces press together with the speed `pressed` in a stage, m/s.
+double World::Impl::rest_of(double pressed, double h) const {
+  return std::clamp(2 * kSlow * pressed, rest, std::max(rest, kSlow * h * kMostPressed));
+}
+
+/// The same of a contact that the forces of the stage press and, if it is soft, its spring.
+double World::Impl::rest_of(const Contact& touch, double h) const {
+  if (rest >= kSlow * h * kWeakGravity) return rest;
+  double pressed = touch.point.n_W.dot(start_velocity(touch)) - normal_velocity(touch);
+  if (touch.stiffness < kInfinity) {
+    pressed += touch.point.n_W.dot(touch.impulse) *
+               (bodies[index(touch.point.body_a)].inverse_mass + bodies[index(touch.point.body_b)].inverse_mass);
+  }
+  return rest_of(pressed, h);
+}
+
 void World::Impl::collect_rows(Stage stage, double h) {
   rows.clear();
   row_origin.clear();

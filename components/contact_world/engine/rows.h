@@ -72,9 +72,9 @@ struct ConeRow {
   double slide[2] = {};                                    // targets of the tangential velocities
   double lift = 0;                                         // part of the target that lifts the bodies out of each other
   double speed = std::numeric_limits<double>::infinity();  // of the point before gravity and drives act in the stage, m/s
-  double rest = 0;                                         // speed below which the point is at rest because something presses it, m/s
-  bool slid = true;                                        // the friction of the last solution was at its bound
-  double lo = 0;                                           // ≤ 0; Dantzig uses 0
+  double rest = 0;   // speed below which the point is at rest because something presses it, m/s
+  bool slid = true;  // the friction of the last solution was at its bound
+  double lo = 0;     // ≤ 0; Dantzig uses 0
   double x[3] = {}, applied[3] = {};
   int point = 0;  // index of the step's contact
   int island = 0;

@@ -36,7 +36,7 @@ struct Status {
   std::size_t grown = 0;     // number of times that the capacity was exceeded, since construction
   int degenerate = 0;        // redundant or contradicting rows that were relaxed
   int extended = 0;  // islands that took more than `iterations` sweeps, that sweeps left to pivoting, or the other way round
-  int unsolved = 0;  // islands left with a residual above 2 h g, at rest above a twentieth of that or 1 mm/s; 0 without gravity
+  int unsolved = 0;  // islands with a residual above 2 h g, weightless what presses them; at rest a twentieth of it or 1 mm/s
   int impacts = 0;   // rounds of impacts, one after the other
   double swing = 0;  // largest h ω of a loaded soft contact: its spring with the mobility behind it
 };

@@ -34,8 +34,8 @@ constexpr double kJump = 0.995;
 /// Contacts that approach, or in islands move, more slowly than this times the speed that gravity gives in a step are at rest.
 constexpr double kSlow = 2;
 
-/// m/s². Weaker gravity is no measure for rest: where it is weaker, other forces that press bodies together count, up to this acceleration. Nothing is
-/// at rest where nothing presses.
+/// m/s². Weaker gravity is no measure for rest: the acceleration counts that other forces give bodies that they press together, up to the second one.
+/// Nothing is at rest where nothing presses.
 constexpr double kWeakGravity = 1, kMostPressed = 10;
 
 /// 6 of the joint; spring, lower limit, upper limit, friction, motor; the gear that the joint follows

@@ -119,7 +119,7 @@ class GripTest : public cotwin::testing::EachMethod {
     World w = world(gripper(grip, share * grip.fingers * grip.mu * kForce / kGravity));
     Wrench weight = Wrench::Zero();
     weight.head<3>() = w.scene().bodies[0].inertia.mass * (kGravity - grip.gravity) *
-                            (Eigen::AngleAxisd(grip.tilt, Vector3d::UnitX()) * -Vector3d::UnitZ());
+                       (Eigen::AngleAxisd(grip.tilt, Vector3d::UnitX()) * -Vector3d::UnitZ());
     const auto run = [&](double duration) {
       for (int k = 0; k < std::lround(1000 * duration); ++k) {
         w.apply(0, weight);
@@ -164,14 +164,14 @@ TEST_P(GripTest, HoldsWhatFrictionHoldsAndDropsMore) {
 }
 
 TEST_P(GripTest, HoldsWithoutGravityAsWithIt) {
-  for (const double gravity : {0.0, 1e-12, 1e-9, 0.5}) {
-    for (const Grip& with : kGrips) {
+  for (const Grip& with : kGrips) {
+    for (const double gravity : {0.0, 1e-9}) {
+      if (gravity > 0 && !std::string_view(COTWIN_SANITIZERS).empty()) continue;  // a sanitizer makes it ten times slower
       Grip grip = with;
       grip.gravity = gravity;
       const std::string what = "grip " + std::to_string(&with - kGrips);
-      EXPECT_LT(way(grip, 0.98, 1), 1e-5) << what << ", gravity " << gravity;
-      EXPECT_LT(way(grip, 0.6, 1), 1e-5) << what << ", gravity " << gravity;
-      EXPECT_GT(way(grip, 1.02, 1), 0.05) << what << ", gravity " << gravity;
+      EXPECT_LT(way(grip, 0.98, 0.3), 1e-5) << what << ", gravity " << gravity;
+      EXPECT_GT(way(grip, 1.02, 0.5), 0.01) << what << ", gravity " << gravity;
     }
   }
 }
