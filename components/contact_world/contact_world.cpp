@@ -245,7 +245,7 @@ void ContactWorld::initialise(Time start) {
     std::fill(robot->ddq.begin(), robot->ddq.end(), 0.0);
   }
   h_before_ = 0;
-  largest_swing_ = largest_gain_ = 0;
+  largest_swing_ = 0;
   unsolved_time_ = largest_unsolved_ = 0;
   write_outputs(start.seconds(), 0);
 }
@@ -448,7 +448,6 @@ void ContactWorld::write_outputs(double now, double h) {
   extended_ = status.extended;
   unsolved_ = status.unsolved;
   if (unsolved_ > 0) unsolved_time_ += h;
-  largest_gain_ = std::max(largest_gain_, world_->gain());
   if (unsolved_ > 0) largest_unsolved_ = std::max(largest_unsolved_, residual_);
   grown_ = static_cast<std::int32_t>(status.grown);
   impacts_ = status.impacts;

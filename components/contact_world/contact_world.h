@@ -98,7 +98,6 @@ class ContactWorld final : public Unit {
   std::int32_t impacts_ = 0;
   double contact_swing_ = 0;
   double largest_swing_ = 0;                         // of the run
-  double largest_gain_ = 0;                          // of the run, share of the energy that there was
   double unsolved_time_ = 0, largest_unsolved_ = 0;  // of the run, s, m/s
   double residual_ = 0, joint_gap_ = 0, energy_ = 0, penetration_ = 0, largest_force_ = 0;
 };

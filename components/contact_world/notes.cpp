@@ -30,9 +30,12 @@ void ContactWorld::append_notes(std::vector<std::string>& notes) const {
                     "bodies may slide or "
                     "fall where they should stand; more max_iterations or smaller steps help");
   }
-  if (largest_gain_ > kSmallGain) {
-    notes.push_back("energy has grown without work, by " + text::to_text(100 * largest_gain_, 2) +
-                    " % of the kinetic energy, the work and the fall until then, expected at most " +
+  const World::Gain gain = world_->gain();
+  if (gain.share > kSmallGain) {
+    notes.push_back("energy has grown without work by " + text::to_text(gain.joules, 3) + " J, " +
+                    text::to_text(gain.of_body, 3) + " J of it in body '" + world_->scene().bodies[gain.body].name +
+                    "' and what joints connect to it: " + text::to_text(100 * gain.share, 3) +
+                    " % of the energy that it had (of motion, of springs, above its lowest place), expected at most " +
                     text::to_text(100 * kSmallGain) +
                     " %: the steps are too long for small edges that roll, for example; smaller steps help");
   }

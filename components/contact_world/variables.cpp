@@ -152,7 +152,6 @@ void ContactWorld::declare(Variables& v) {
              "the two bodies of each of these points: bodies of the scene from 1, then base and links of each robot; 0: none");
   }
   v.state("world", state_, "1", "poses, twists and the solver's warm start");
-  v.state("largest_gain", largest_gain_, "1", "energy that was gained without work, relative to that which there was, at most");
   v.state("unsolved_time", unsolved_time_, "s", "time in which islands were left unsolved");
   v.state("largest_unsolved", largest_unsolved_, "m/s", "largest residual in that time");
   v.state("h_before", h_before_, "s", "duration of the last step; 0: no step yet");

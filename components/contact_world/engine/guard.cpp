@@ -4,7 +4,9 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <numeric>
 #include <string>
+#include <utility>
 
 #include "components/contact_world/engine/solvers/numbers.h"
 #include "components/contact_world/engine/world_impl.h"
@@ -30,78 +32,165 @@ constexpr double kNearer = 0.99;
 /// In soft contacts deeper than this, relative to the smaller body, normals jump and the springs' energy with them.
 constexpr double kDeep = 0.05;
 
+/// Bodies that overlap by less only touch.
+constexpr double kTouching = 1e-5;  // m
+
 /// Bodies that overlap by more than this are named in messages.
 constexpr double kNamedOverlap = 1e-3;  // m
 
 /// Gains below the energy of this height and this speed of all bodies are no error.
 constexpr double kSmallHeight = 0.01, kSmallSpeed = 0.1;  // m, m/s
 constexpr double kSmallEnergy = 1e-6;                     // J
+constexpr double kSmallShare = 0.1;                       // of it, added to the energy that gains are relative to
 
 double tilt(const Joint& joint) { return std::acos(std::clamp(joint.alignment(), -1.0, 1.0)); }
 
 }  // namespace
 
-double World::Impl::elastic_energy() const {
-  double twice = 0;
-  for (const Contact& touch : touches) twice += touch.stored();
-  return twice / 2;
+// ---- Accounts
+
+/// Bodies that exchange energy other than through contacts share an account.
+void World::Impl::open_accounts() {
+  std::vector<std::size_t> root(bodies.size());
+  std::iota(root.begin(), root.end(), 0U);
+  const auto find = [&](std::size_t b) {
+    while (root[b] != b) b = root[b];
+    return b;
+  };
+  const auto connect = [&](int a, int b) {
+    if (!is_dynamic(a) || !is_dynamic(b)) return;
+    const std::size_t one = find(index(a)), other = find(index(b));
+    root[std::max(one, other)] = std::min(one, other);
+  };
+  const auto moved = [&](const Joint& joint) { return is_dynamic(joint.child) ? joint.child : joint.parent; };
+  for (const Joint& joint : joints) connect(joint.parent, joint.child);
+  for (const Latch& latch : latches) connect(latch.joint.parent, latch.joint.child);
+  for (const scene::Gear& gear : scene.gears) connect(moved(joints[index(gear.leader)]), moved(joints[index(gear.follower)]));
+  std::size_t count = 0;
+  account_of.resize(bodies.size());
+  for (std::size_t b = 0; b < bodies.size(); ++b) {
+    if (bodies[b].dynamic()) account_of[b] = find(b) == b ? count++ : account_of[find(b)];
+  }
+  guard.accounts.resize(count);
+  set_small_energies();
 }
 
-World::Impl::Energy World::Impl::measure_energy() const {
-  Energy energy;
-  double twice = 0;
-  for (const RigidBody& body : bodies) {
+void World::Impl::set_small_energies() {
+  for (Account& one : guard.accounts) one.small = kSmallEnergy;
+  for (std::size_t b = 0; b < bodies.size(); ++b) {
+    if (!bodies[b].dynamic()) continue;
+    guard.accounts[account_of[b]].small += bodies[b].mass * (scene.gravity.norm() * kSmallHeight + kSmallSpeed * kSmallSpeed / 2);
+  }
+}
+
+/// Account of a joint, or null if it moves no dynamic body.
+Account* World::Impl::account_of_joint(std::size_t joint) {
+  for (const int body : {joints[joint].child, joints[joint].parent}) {
+    if (is_dynamic(body)) return &account(body);
+  }
+  return nullptr;
+}
+
+/// Calls f(account, share) for each of two bodies that has an account: they share equally.
+template <class F>
+void World::Impl::divide(int a, int b, const F& f) {
+  const double share = is_dynamic(a) && is_dynamic(b) ? 0.5 : 1;
+  for (const int body : {a, b}) {
+    if (is_dynamic(body)) f(account(body), share);
+  }
+}
+
+/// Accounts for an impulse on b that does the work `at_b` there, and whose reaction does −at_a on a.
+void World::Impl::exchange(int a, int b, double at_a, double at_b) {
+  divide(a, b, [&](Account& one, double share) { one.passive += share * (at_b - at_a); });
+  if (!is_dynamic(a) || !is_dynamic(b)) return;
+  account(b).work += (at_a + at_b) / 2;
+  account(a).work -= (at_a + at_b) / 2;
+}
+
+void World::Impl::measure_energies() {
+  for (Account& one : guard.accounts) one.motion = one.elastic = one.height = 0;
+  for (std::size_t b = 0; b < bodies.size(); ++b) {
+    const RigidBody& body = bodies[b];
     if (!body.dynamic()) continue;
-    twice += body.mass * body.v.squaredNorm() + body.L.dot(body.w);
-    energy.potential -= body.mass * scene.gravity.dot(body.p);
+    Account& one = guard.accounts[account_of[b]];
+    one.motion += body.kinetic_energy();
+    one.height -= body.mass * scene.gravity.dot(body.p);
   }
   for (std::size_t j = 0; j < joints.size(); ++j) {
-    const double extension = joints[j].q - joints[j].q_spring;
-    twice += axes[j].inertia * dq[j] * dq[j] + joints[j].stiffness * extension * extension;
+    Account* one = axes[j].inertia > 0 || joints[j].stiffness > 0 ? account_of_joint(j) : nullptr;
+    if (one == nullptr) continue;
+    const double speed = joints[j].speed(bodies), extension = joints[j].q - joints[j].q_spring;
+    one->motion += (axes[j].inertia * speed * speed + joints[j].stiffness * extension * extension) / 2;
   }
-  energy.elastic = elastic_energy();
-  energy.motion = twice / 2 + energy.elastic;
-  return energy;
+  for (const Contact& touch : touches) {
+    const double stored = touch.stored() / 2;
+    if (stored == 0) continue;
+    divide(touch.point.body_a, touch.point.body_b, [&](Account& one, double share) {
+      one.motion += share * stored;
+      one.elastic += share * stored;
+    });
+  }
 }
 
-/// Kinetic energy with the inertias of axes.
-double World::Impl::motion_energy() const {
-  double twice = 0;
-  for (const RigidBody& body : bodies) {
-    if (body.dynamic()) twice += body.mass * body.v.squaredNorm() + body.L.dot(body.w);
+/// Before impacts.
+void World::Impl::begin_impacts() {
+  measure_energies();
+  for (Account& one : guard.accounts) one.before = one.motion;
+}
+
+/// After impacts: each account loses of what they lose in all by the energy that it exchanged.
+void World::Impl::account_impacts() {
+  measure_energies();
+  for (const Contact& touch : touches) add_driven_work(touch, touch.impact, &Account::before);  // account_position_stage() has it
+  double lost = 0, exchanged = 0;
+  for (const Account& one : guard.accounts) {
+    lost += one.before - one.motion;
+    exchanged += std::abs(one.before - one.motion);
   }
-  for (std::size_t j = 0; j < joints.size(); ++j) {
-    if (!(axes[j].inertia > 0)) continue;
-    const double speed = joints[j].speed(bodies);
-    twice += axes[j].inertia * speed * speed;
+  for (Account& one : guard.accounts) {
+    const double change = one.motion - one.before;
+    if (change == 0) continue;
+    const double part = std::abs(change) / exchanged * lost;
+    one.passive -= part;
+    one.work += change + part;
   }
-  return twice / 2;
+}
+
+void World::Impl::find_deep() {
+  for (Account& one : guard.accounts) one.deep = false;
+  for (const Contact& touch : touches) {
+    if (touch.stiffness < scene::kInfinity || touch.point.gap >= -kTouching) continue;
+    divide(touch.point.body_a, touch.point.body_b, [](Account& one, double) { one.deep = true; });
+  }
 }
 
 /// Takes a state that was set from outside. The energy that this added is work.
 void World::Impl::begin_guard() {
-  guard.work = guard.lifted = guard.passive = guard.placed = 0;
-  guard.elastic = elastic_energy();
-  guard.counts = std::all_of(carriers.begin(), carriers.end(),
-                             [&](int b) { return bodies[index(b)].v.isZero(0) && bodies[index(b)].w.isZero(0); });
-  if (!guard.moved) return;
-  guard.moved = false;
-  for (std::size_t j = 0; j < joints.size(); ++j) {
+  for (std::size_t j = 0; j < joints.size() && guard.moved; ++j) {
     if (!joints[j].has_axis()) continue;
     joints[j].measure();
     dq[j] = joints[j].speed(bodies);
   }
-  const Energy now = measure_energy();
-  if (!guard.begun) {
-    guard.begun = true;
-    guard.available = now.motion;
-    guard.highest = now.potential;
-  } else {
-    guard.available += std::max(0.0, now.motion + now.potential - guard.energy);
-    guard.highest += now.potential - guard.potential;
+  guard.counts = std::all_of(carriers.begin(), carriers.end(),
+                             [&](int b) { return bodies[index(b)].v.isZero(0) && bodies[index(b)].w.isZero(0); });
+  measure_energies();
+  for (Account& one : guard.accounts) {
+    one.work = one.passive = one.placed = one.lifted = one.moved = one.jumps = 0;
+    one.stored = one.elastic;
   }
-  guard.energy = now.motion + now.potential;
-  guard.potential = now.potential;
+  find_deep();
+  for (Account& one : guard.accounts) one.buried = one.buried || (guard.replaced && one.deep);
+  if (!guard.moved) return;
+  guard.moved = false;
+  for (Account& one : guard.accounts) {
+    if (!guard.begun) one.highest = one.lowest = one.potential = one.height;
+    one.highest = std::max(one.highest + one.height - one.potential, one.total() - one.excess);
+    one.lowest += one.height - one.potential;
+    one.energy = one.total();
+    one.potential = one.height;
+  }
+  guard.begun = true;
   guard.start_gap = guard.start_tilt = 0;
   guard.assembling = !assembled();
   if (!guard.assembling) return;
@@ -156,25 +245,27 @@ void World::Impl::account_stage(Stage stage, double h) {
     const Contact& touch = touches[index(row.point)];
     if (touch.impulse.isZero(0)) continue;
     const Vector3d& p = touch.point.p_W;
-    guard.passive += touch.impulse.dot(mean(touch.point.body_b, p) - mean(touch.point.body_a, p));
+    const auto [a, b] = std::pair(touch.point.body_a, touch.point.body_b);
+    exchange(a, b, touch.impulse.dot(mean(a, p)), touch.impulse.dot(mean(b, p)));
   }
   const auto mean_spin = [&](int body) -> Vector3d {
     return body < 0 ? Vector3d(Vector3d::Zero()) : Vector3d((starts[index(body)].w + bodies[index(body)].w) / 2);
   };
   for (const BoxRow& row : rows.boxes()) {
     const RowOrigin& origin = row_origin[index(row.origin)];
-    if (origin.joint < 0 && origin.latch < 0) guard.passive += row.x * row.m.dot(mean_spin(row.b) - mean_spin(row.a));
+    if (origin.joint >= 0 || origin.latch >= 0) continue;
+    exchange(row.a, row.b, row.x * row.m.dot(mean_spin(row.a)), row.x * row.m.dot(mean_spin(row.b)));
   }
   account_latches();
   for (std::size_t b = 0; b < bodies.size(); ++b) {
     const RigidBody& body = bodies[b];
     if (!body.dynamic()) continue;
     const Vector3d way = h / 4 * (starts[b].v + body.v);
-    guard.passive += body.mass * scene.gravity.dot(way);
+    guard.accounts[account_of[b]].passive += body.mass * scene.gravity.dot(way);
     const Wrench& F = applied[b];
     if (F.isZero(0)) continue;
     const Vector3d turn = h / 4 * (starts[b].w + body.w);
-    guard.add_work(F.head<3>().dot(way + turn.cross(body.R * body.X_PB.p)) + F.tail<3>().dot(turn));
+    guard.accounts[account_of[b]].work += F.head<3>().dot(way + turn.cross(body.R * body.X_PB.p)) + F.tail<3>().dot(turn);
   }
   for (std::size_t j = 0; j < joints.size(); ++j) axes[j].passive[stage == Stage::kPosition ? 0 : 1] = axis_impulse(j);
 }
@@ -185,83 +276,152 @@ void World::Impl::account_position_stage(double h) {
   account_stage(Stage::kPosition, h);
   // An upper bound: the force of the whole step is at most twice that of its first half.
   for (const ConeRow& row : rows.cones()) {
-    guard.lifted += 2 * row.x[0] * row.lift;
+    divide(row.a, row.b, [&](Account& one, double share) { one.lifted += share * 2 * row.x[0] * row.lift; });
   }
-  if (has_driven) {
-    for (const Contact& touch : touches) guard.add_work(driven_work(touch, touch.impact + touch.sum));
-  }
+  for (const Contact& touch : touches) add_driven_work(touch, touch.impact + touch.sum, &Account::work);
 }
 
 void World::Impl::account_velocity_stage(double h) {
   account_stage(Stage::kVelocity, h);
-  if (!has_driven) return;
-  for (const Contact& touch : touches) guard.add_work(driven_work(touch, touch.impulse));
+  for (const Contact& touch : touches) add_driven_work(touch, touch.impulse, &Account::work);
 }
 
-/// Work of a driven body by an impulse on b.
-double World::Impl::driven_work(const Contact& touch, const Vector3d& impulse) const {
+/// Adds the work of a driven body by an impulse on b.
+void World::Impl::add_driven_work(const Contact& touch, const Vector3d& impulse, double Account::*sum) {
+  if (!has_driven) return;
   const auto along = [&](int body) {
     const RigidBody& one = bodies[index(body)];
     if (one.motion != scene::Motion::kDriven) return 0.0;
     return impulse.dot(one.v + one.w.cross(touch.point.p_W - one.p));
   };
-  return along(touch.point.body_a) - along(touch.point.body_b);
+  const double work = along(touch.point.body_a) - along(touch.point.body_b);
+  divide(touch.point.body_a, touch.point.body_b, [&](Account& one, double share) { one.*sum += share * work; });
 }
 
 /// Work of drive, motor, limits, friction and damper of a joint in a step from position q_0 and speed s_0 to the joint's present position and
 /// speed s_1. The joint's own spring does no work: its energy is part of E.
 void World::Impl::account_axis(std::size_t joint, double q_0, double s_0, double s_1, double h) {
+  Account* one = account_of_joint(joint);
+  if (one == nullptr) return;
   const Axis& axis = axes[joint];
   const double s = (joints[joint].q - q_0) / h, damping = h / 2 * joints[joint].damping;
   const auto work = [&](double first, double second) { return first * (s_0 + s) / 2 + second * (s + s_1) / 2; };
-  guard.passive -= work(damping * s, damping * s_1);
+  one->passive -= work(damping * s, damping * s_1);
   const double others = work(axis.passive[0], axis.passive[1]);
-  if (axis.motor_torque > 0) {
-    guard.add_work(others);
-  } else {
-    guard.passive += others;
-  }
+  (axis.motor_torque > 0 ? one->work : one->passive) += others;
   if (axis.tau == 0 && axis.stiffness == 0 && axis.damping == 0) return;
   const double constant = axis.tau + axis.stiffness * h / 2 * (axis.rate - s);
-  guard.add_work(
-      work(h / 2 * (constant + axis.damping * (axis.rate - s)), h / 2 * (constant + axis.damping * (axis.rate - s_1))));
+  one->work += work(h / 2 * (constant + axis.damping * (axis.rate - s)), h / 2 * (constant + axis.damping * (axis.rate - s_1)));
+}
+
+/// Accounts that touch in this step are judged together, so that errors which one contact makes and another one takes back are no gain.
+void World::Impl::join_accounts() {
+  std::vector<Account>& accounts = guard.accounts;
+  for (std::size_t i = 0; i < accounts.size(); ++i) {
+    accounts[i].root = i;
+    accounts[i].all = {};
+  }
+  for (const Contact& touch : touches) {
+    const int a = touch.point.body_a, b = touch.point.body_b;
+    if (!is_dynamic(a) || !is_dynamic(b) || (touch.sum.isZero(0) && touch.impact.isZero(0))) continue;
+    const std::size_t one = root_of(account_of[index(a)]), other = root_of(account_of[index(b)]);
+    accounts[std::max(one, other)].root = std::min(one, other);
+  }
+}
+
+std::size_t World::Impl::root_of(std::size_t account) const {
+  while (guard.accounts[account].root != account) account = guard.accounts[account].root;
+  return account;
+}
+
+/// Adds what corrections of depth have lifted to that of all that touch.
+void Account::add_lifts(Together& all) const {
+  all.lifted += lifted;
+  all.higher += std::max(0.0, height - potential) + std::max(0.0, elastic - stored);
+}
+
+/// Judges the step by itself, and adds to the sums of all that touch.
+void Account::judge(Together& all) {
+  // Corrections of depth lift bodies and press others together. The velocity stage takes their speed back, so they explain no
+  // motion: impulses that bodies without room exert on one another have no bound.
+  const double raised = moved + (all.lifted > 0 ? lifted * std::min(1.0, all.higher / all.lifted) : 0);
+  // Without what gravity and the soft contacts' springs have stored. Errors of one solution that the next one takes back are no gain.
+  const double balance = passive + height - potential + elastic - stored - placed - raised;
+  loss = std::max(0.0, -balance - owed);
+  gain = total() - energy - work - placed - (buried ? raised : 0);
+  all.more += gain;
+  all.balance += balance;
+  all.owed += owed;
+  all.raised += buried ? 0 : raised;
+  all.lost += lost;
+  all.loss += loss;
+  all.excess += excess;
+  all.had += had();
+  all.small += small;
+  gain = std::max(0.0, gain + loss);
+  all.gain += gain;
+  owed = std::max(0.0, owed + balance);
+  all.owing += owed;
+  buried = buried && deep;
+}
+
+/// Takes its part of what all that touch have gained. `counts`: all of their work is known.
+void Account::end_step(const Together& all, bool counts) {
+  const double loss_of_all = std::max(0.0, -all.balance - all.owed);
+  if (all.owing > 0) owed *= std::max(0.0, all.balance + all.owed) / all.owing;
+  if (all.loss > 0) lost += loss / all.loss * loss_of_all;
+  // What has sunk in gives up height for speed and loses that in the contact, and is no higher when it has been lifted.
+  const double lost_by_all = all.lost + loss_of_all, given_back = std::min(all.raised, lost_by_all);
+  if (lost_by_all > 0) lost *= 1 - given_back / lost_by_all;
+  const double gain_of_all = all.more + loss_of_all - given_back;
+  if (gain_of_all <= 0) {
+    jumped = std::max(0.0, jumped + gain_of_all);
+    gain = all.excess > 0 ? excess / all.excess * gain_of_all : 0;
+  } else {
+    gain *= gain_of_all / all.gain;
+  }
+  // Jumps may give the energy of their springs and no more than there was before, in all steps together.
+  if (gain > 0 && jumps > 0) {
+    const double explained = std::clamp(jumps + had() + small - jumped, 0.0, gain);
+    jumped += explained;
+    gain -= explained;
+  }
+  if (counts && gain > 0) {
+    excess += gain;
+    share += gain / (all.had + kSmallShare * all.small);
+  } else if (counts && excess > 0) {
+    const double left = std::max(0.0, excess + gain);
+    share *= left / excess;
+    excess = left;
+  }
+  energy = total();
+  potential = height;
+  highest = std::max(highest, energy - excess);
+  lowest = std::min(lowest, potential);
+  if (share <= largest_share) return;
+  largest_share = share;
+  gained = excess;
 }
 
 void World::Impl::end_guard() {
-  double jumps = 0;  // J, twice the energy of soft contacts whose normals may jump
   for (const Contact& touch : touches) {
     if (touch.stiffness == scene::kInfinity || touch.without_effect || touch.point.gap > 0) continue;
-    if (!touch.matched) guard.placed += touch.stored() / 2;  // a manifold's new point has energy at once
     const double size = std::min(bodies[index(touch.point.body_a)].radius, bodies[index(touch.point.body_b)].radius);
-    if (touch.jumped && -touch.point.gap > kDeep * size) jumps += touch.stored();
+    const bool jumps = touch.jumped && -touch.point.gap > kDeep * size;
+    divide(touch.point.body_a, touch.point.body_b, [&](Account& one, double share) {
+      if (!touch.matched) one.placed += share * touch.stored() / 2;  // a manifold's new point has energy at once
+      if (jumps) one.jumps += share * touch.stored();
+    });
   }
-  const Energy now = measure_energy();
-  const double total = now.motion + now.potential;
-  // Corrections of depth lift bodies and press others together. The velocity stage takes their speed back, so they explain no
-  // motion: impulses that bodies without room exert on one another have no bound.
-  const double higher = std::max(0.0, now.potential - guard.potential) + std::max(0.0, now.elastic - guard.elastic);
-  const double lifted = std::min(guard.lifted, higher);
-  guard.add_work(lifted + guard.placed);
-  double gain = total - guard.energy - guard.work;
-  // Without what gravity and the soft contacts' springs have stored. Errors of one solution that the next one takes back are no gain.
-  const double stored = now.potential - guard.potential + now.elastic - guard.elastic;
-  const double passive = guard.passive + stored - guard.placed - lifted;
-  const double lost = std::max(0.0, -passive - guard.owed);
-  guard.owed = std::max(0.0, guard.owed + passive);
-  gain += lost;
-  // Jumps may give the energy of their springs and no more than there was before, in all steps together.
-  if (gain < 0) guard.jumped = std::max(0.0, guard.jumped + gain);
-  if (gain > 0 && jumps > 0) {
-    const double most = jumps + guard.available + guard.fall + small_energy - guard.jumped;
-    const double explained = std::clamp(most, 0.0, gain);
-    guard.jumped += explained;
-    gain -= explained;
-  }
-  if (guard.counts && !guard.assembling) guard.excess = std::max(0.0, guard.excess + gain);
-  guard.energy = total;
-  guard.potential = now.potential;
-  guard.highest = std::max(guard.highest, now.potential);
-  guard.fall = std::max(guard.fall, guard.highest - now.potential);
+  measure_energies();
+  find_deep();
+  join_accounts();
+  const auto together = [&](const Account& one) -> Together& {
+    return guard.accounts[root_of(static_cast<std::size_t>(&one - guard.accounts.data()))].all;
+  };
+  for (const Account& one : guard.accounts) one.add_lifts(together(one));
+  for (Account& one : guard.accounts) one.judge(together(one));
+  for (Account& one : guard.accounts) one.end_step(together(one), guard.counts && !guard.assembling);
   if (!guard.assembling) return;
   const double gap = largest_gap();
   if (gap < kNearer * guard.nearest) {
@@ -279,6 +439,18 @@ void World::Impl::end_guard() {
 std::size_t World::Impl::widest_joint() const {
   const auto wider = [](const Joint& a, const Joint& b) { return a.gap() < b.gap(); };
   return static_cast<std::size_t>(std::max_element(joints.begin(), joints.end(), wider) - joints.begin());
+}
+
+/// The body of an account with the largest kinetic energy.
+std::size_t World::Impl::fastest(std::size_t account) const {
+  std::size_t found = 0;
+  double most = -1;
+  for (std::size_t b = 0; b < bodies.size(); ++b) {
+    if (!bodies[b].dynamic() || account_of[b] != account || bodies[b].kinetic_energy() <= most) continue;
+    most = bodies[b].kinetic_energy();
+    found = b;
+  }
+  return found;
 }
 
 std::string World::fault(double gap_limit, double energy_limit) const {
@@ -308,8 +480,15 @@ std::string World::fault(double gap_limit, double energy_limit) const {
     }
   }
   if (!(energy_limit > 0)) return {};
-  const double limit = energy_limit * (guard.available + guard.fall) + w.small_energy;
-  if (!(guard.excess > limit)) return {};
+  double limit = 0, excess = 0;
+  std::size_t worst = 0;
+  for (std::size_t i = 0; i < guard.accounts.size(); ++i) {
+    const Account& one = guard.accounts[i];
+    limit += energy_limit * one.had() + one.small;
+    excess += one.excess;
+    if (one.excess > guard.accounts[worst].excess) worst = i;
+  }
+  if (!(excess > limit)) return {};
   std::string where, advice = "use shorter steps";
   const auto deepest = std::min_element(w.points.begin(), w.points.end(),
                                         [](const ContactPoint& a, const ContactPoint& b) { return a.gap < b.gap; });
@@ -328,25 +507,26 @@ std::string World::fault(double gap_limit, double energy_limit) const {
       advice = "start it away from there, give the links slack, or let a joint yield: shorter steps do not help";
     }
   } else {
-    const auto slower = [](const RigidBody& a, const RigidBody& b) { return a.kinetic_energy() < b.kinetic_energy(); };
-    const auto fastest = std::max_element(w.bodies.begin(), w.bodies.end(), slower) - w.bodies.begin();
-    where = "body '" + w.scene.bodies[static_cast<std::size_t>(fastest)].name + "' has the largest kinetic energy";
+    where = "body '" + w.scene.bodies[w.fastest(worst)].name + "' has gained most";
   }
-  return "energy has grown by " + text::to_text(guard.excess, 4) + " J without work (" + where + "), expected at most " +
+  return "energy has grown by " + text::to_text(excess, 4) + " J without work (" + where + "), expected at most " +
          text::to_text(limit, 4) + " J (energy_limit): " + advice;
 }
 
-double World::gain() const {
-  const Guard& guard = impl_->guard;
-  return guard.excess / (guard.available + guard.fall + impl_->small_energy);
-}
-
-double World::Impl::small_energy_of(const scene::Scene& scene) {
-  double mass = 0;
-  for (const scene::Body& body : scene.bodies) {
-    if (body.motion == scene::Motion::kDynamic) mass += body.inertia.mass;
+World::Gain World::gain() const {
+  Gain gain;
+  const Impl& w = *impl_;
+  std::size_t worst = 0;
+  for (std::size_t i = 0; i < w.guard.accounts.size(); ++i) {
+    const Account& one = w.guard.accounts[i];
+    gain.joules += one.gained;
+    if (one.largest_share <= gain.share) continue;
+    gain.share = one.largest_share;
+    gain.of_body = one.gained;
+    worst = i;
   }
-  return mass * (scene.gravity.norm() * kSmallHeight + kSmallSpeed * kSmallSpeed / 2) + kSmallEnergy;
+  gain.body = w.fastest(worst);
+  return gain;
 }
 
 }  // namespace cotwin::contact_world

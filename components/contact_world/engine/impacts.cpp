@@ -85,7 +85,7 @@ void World::Impl::reserve_impacts(std::size_t contacts) {
 
 void World::Impl::resolve_impacts(double h) {
   if (!find_impacts(h)) return;
-  const double before = motion_energy();
+  begin_impacts();
   const int most = kLeastRounds + kRoundsPerPoint * static_cast<int>(touches.size());
   for (int round = 0; round < most + kRoundsTogether; ++round) {
     if (!begin_round(h)) break;
@@ -101,9 +101,7 @@ void World::Impl::resolve_impacts(double h) {
   begin_inertias();
   prepared = false;
   for (std::size_t j = 0; j < joints.size(); ++j) axes[j].start = joints[j].has_axis() ? joints[j].speed(bodies) : 0;
-  double driven = 0;  // work of bodies whose motion is given: the budget has it from account_position_stage()
-  for (const Contact& touch : touches) driven += driven_work(touch, touch.impact);
-  guard.passive += motion_energy() - before - driven;
+  account_impacts();
 }
 
 /// Returns whether a point with restitution strikes, and prepares the first round.

@@ -77,10 +77,11 @@ void World::Impl::mark_too_deep() {
 /// Bodies with joints stay where they are, and so do bodies that are not near a pair that is too deep.
 void World::Impl::separate(double h) {
   if (!allow_depths(0)) return;
-  const Energy before = measure_energy();
+  measure_energies();
+  for (Account& one : guard.accounts) one.before = one.total();
   for (int pass = 0; (pass == 0 || (pass < kSeparationPasses && allow_depths(pass))) && move_apart(h);) ++pass;
-  const Energy after = measure_energy();
-  guard.placed += std::max(0.0, after.motion + after.potential - before.motion - before.potential);
+  measure_energies();
+  for (Account& one : guard.accounts) one.moved += std::max(0.0, one.total() - one.before);
 }
 
 /// Returns whether there was a body to move.

@@ -98,14 +98,19 @@ void World::Impl::apply_lost_springs() {
   for (const Contact& touch : touches_before) {
     if (touch.matched || touch.push == 0 || touch.stiffness == kInfinity) continue;
     const Vector3d& p = touch.point.p_W;
-    const double before = normal_velocity(touch);
+    const auto speed = [&](int b) {
+      const RigidBody& body = bodies[index(b)];
+      return touch.point.n_W.dot(body.v + body.w.cross(p - body.p));
+    };
+    const double at_a = speed(touch.point.body_a), at_b = speed(touch.point.body_b);
     for (const int b : {touch.point.body_a, touch.point.body_b}) {
       RigidBody& body = bodies[index(b)];
       if (!body.dynamic()) continue;
       const Vector3d impulse = (b == touch.point.body_a ? -touch.push : touch.push) * touch.point.n_W;
       body.apply_impulse(impulse, (p - body.p).cross(impulse));
     }
-    guard.passive += touch.push * (before + normal_velocity(touch)) / 2;
+    exchange(touch.point.body_a, touch.point.body_b, touch.push * (at_a + speed(touch.point.body_a)) / 2,
+             touch.push * (at_b + speed(touch.point.body_b)) / 2);
   }
 }
 

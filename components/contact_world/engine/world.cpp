@@ -50,7 +50,6 @@ World::Impl::Impl(scene::Scene the_scene, Options the_options)
       twists(bodies.size()),
       q(joints.size()),
       dq(joints.size()) {
-  const auto is_dynamic = [&](int body) { return body >= 0 && bodies[index(body)].dynamic(); };
   std::vector<char> is_linked(bodies.size(), 0);
   for (std::size_t j = 0; j < joints.size(); ++j) {
     const Joint& joint = joints[j];
@@ -74,10 +73,10 @@ World::Impl::Impl(scene::Scene the_scene, Options the_options)
   for (const Forest::Tree& tree : forest.trees()) {
     for (const Loops::Row& row : tree.loops.rows()) in_loops[index(row.joint)] = 1;
   }
-  small_energy = small_energy_of(scene);
   places.resize(linked.size());
   advance = Advance(scene, bodies, is_linked, collision);
   check_gears();
+  open_accounts();
   motions.resize(bodies.size());
   starts.resize(bodies.size());
   shifted.resize(bodies.size());
@@ -165,7 +164,7 @@ void World::set_body(std::size_t body, const Inertia& inertia) {
   w.poses[body] = w.bodies[body].pose();
   w.twists[body] = w.bodies[body].twist();
   w.advance.refit(body, w.bodies[body]);
-  w.small_energy = Impl::small_energy_of(w.scene);
+  w.set_small_energies();
   w.stale = true;
   w.restored = false;
   w.guard.moved = true;
@@ -244,7 +243,7 @@ double World::largest_gap() const { return impl_->largest_gap(); }
 
 std::size_t World::state_size() const {
   const Impl& w = *impl_;
-  return kHeader + kNumbersPerBody * w.bodies.size() + kNumbersPerJoint * w.joints.size() +
+  return kHeader + Account::kNumbers * w.guard.accounts.size() + kNumbersPerBody * w.bodies.size() + kNumbersPerJoint * w.joints.size() +
          kNumbersPerNode * w.forest.nodes().size() + w.loop_numbers() + w.dent_numbers() + Latch::kNumbers * w.latches.size() +
          kNumbersPerTouch * w.options.contacts;
 }
@@ -260,8 +259,7 @@ void World::save(std::vector<double>& state) const {
   const std::size_t kept = std::min(w.touches.size(), w.options.contacts);
   const Guard& guard = w.guard;
   put(w.stale && !w.restored, w.margin, kept);
-  put(guard.energy, guard.potential, guard.excess, guard.available, guard.highest, guard.fall, guard.nearest, guard.stalled,
-      guard.start_gap, guard.start_tilt, guard.jumped, guard.owed,
+  put(guard.nearest, guard.stalled, guard.start_gap, guard.start_tilt,
       (guard.assembling ? 1 : 0) + (guard.begun ? 2 : 0) + (guard.moved ? 4 : 0));
   for (const RigidBody& body : w.bodies) {
     put_all(body.p);
@@ -269,6 +267,9 @@ void World::save(std::vector<double>& state) const {
     put_all(body.v);
     put_all(body.w);
     put_all(body.L);
+  }
+  for (const Account& one : guard.accounts) {
+    put(one.energy, one.potential, one.highest, one.lowest, one.excess, one.owed, one.lost, one.jumped, one.share, one.largest_share, one.gained, one.buried);
   }
   for (std::size_t j = 0; j < w.joints.size(); ++j) {
     const Axis& axis = w.axes[j];
@@ -322,7 +323,7 @@ void World::restore(std::span<const double> state) {
     throw Error("contact world", "invalid state: " + text::to_text(points) + " contact points, expected 0 to " +
                                      std::to_string(w.options.contacts));
   }
-  const std::size_t joints = kHeader + kNumbersPerBody * w.bodies.size();
+  const std::size_t joints = kHeader + Account::kNumbers * w.guard.accounts.size() + kNumbersPerBody * w.bodies.size();
   const auto is_motor_torque = [&](std::size_t at) {
     return at >= joints && at < joints + kNumbersPerJoint * w.joints.size() && (at - joints) % kNumbersPerJoint == 3;
   };
@@ -338,7 +339,7 @@ void World::restore(std::span<const double> state) {
   };
   expect_whole(kHeader - 1, 0, 7);
   constexpr double kMost = std::numeric_limits<std::int32_t>::max(), kHalf = std::numeric_limits<std::uint32_t>::max();
-  std::size_t at = kHeader + kNumbersPerBody * w.bodies.size();
+  std::size_t at = joints;
   for (std::size_t j = 0; j < w.joints.size(); ++j, at += kNumbersPerJoint) expect_whole(at + 1, -kMost, kMost);
   at += kNumbersPerNode * w.forest.nodes().size() + w.loop_numbers() + Latch::kNumbers * w.latches.size();
   if (!w.dents.empty()) {
@@ -358,10 +359,7 @@ void World::restore(std::span<const double> state) {
   w.margin = get();
   const auto kept = static_cast<std::size_t>(get());
   Guard& guard = w.guard;
-  for (double* number : {&guard.energy, &guard.potential, &guard.excess, &guard.available, &guard.highest, &guard.fall,
-                         &guard.nearest, &guard.stalled, &guard.start_gap, &guard.start_tilt, &guard.jumped, &guard.owed}) {
-    *number = get();
-  }
+  for (double* number : {&guard.nearest, &guard.stalled, &guard.start_gap, &guard.start_tilt}) *number = get();
   const auto flags = static_cast<unsigned>(get());
   guard.assembling = (flags & 1U) != 0;
   guard.begun = (flags & 2U) != 0;
@@ -376,6 +374,13 @@ void World::restore(std::span<const double> state) {
     body.place();
     w.poses[b] = body.pose();
     w.twists[b] = body.twist();
+  }
+  for (Account& one : guard.accounts) {
+    for (double* number : {&one.energy, &one.potential, &one.highest, &one.lowest, &one.excess, &one.owed, &one.lost, &one.jumped,
+                           &one.share, &one.largest_share, &one.gained}) {
+      *number = get();
+    }
+    one.buried = get() != 0;
   }
   for (std::size_t j = 0; j < w.joints.size(); ++j) {
     Axis& axis = w.axes[j];

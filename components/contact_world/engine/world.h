@@ -120,13 +120,19 @@ class World {
 
   /// Describes what is wrong since the start, or returns an empty text: a joint has parted by more than `gap_limit` (m; 0: not
   /// checked) or tilted by 0.1 rad, or the energy has grown without work by more than the share `energy_limit` (0: not checked)
-  /// of the kinetic energy at the start, all positive work and the largest fall of the potential. While joints that
+  /// of that which there was at most: kinetic, of springs, and potential above the lowest place. While joints that
   /// start apart come together, 1.5 times the largest gap at the start is allowed. Not counted are steps in which a driven body with
   /// joints moves, gains where the normal of a soft contact deeper than 5 % of a body jumps, up to its energy and all that there was, and steps until
   /// joints that start apart or beyond their limits are corrected.
   std::string fault(double gap_limit, double energy_limit) const;
-  /// The energy that has been gained without work, relative to those, and to the speed and height that count as rounding.
-  double gain() const;
+  /// Energy that was gained without work since the start, J, for bodies that joints, gears or latches connect together.
+  struct Gain {
+    double joules = 0;     // of all
+    std::size_t body = 0;  // the fastest of those whose gain is the largest share
+    double of_body = 0;    // their gain, J
+    double share = 0;      // of the most energy that they had: kinetic, of springs, and potential above their lowest place
+  };
+  Gain gain() const;
 
   /// Saves and restores the whole state: poses, twists, warm start. A restored world steps to the same bits. Only the first
   /// `Options::contacts` points have a warm start, with and without restoring.

@@ -151,26 +151,32 @@ struct World::Impl {
   }
 
   // Of the guard; guard.cpp
-  struct Energy {
-    double motion = 0, potential = 0;  // kinetic and that of soft contacts, J
-    double elastic = 0;                // of it, that of soft contacts, J
-  };
-  double elastic_energy() const;
-  Energy measure_energy() const;
+  void open_accounts();
+  void set_small_energies();
+  void join_accounts();
+  void find_deep();
+  std::size_t root_of(std::size_t account) const;
+  Account& account(int body) { return guard.accounts[account_of[index(body)]]; }
+  Account* account_of_joint(std::size_t joint);
+  template <class F>
+  void divide(int a, int b, const F& f);
+  void exchange(int a, int b, double at_a, double at_b);
+  void measure_energies();
+  void begin_impacts();
+  void account_impacts();
   void begin_guard();
   void begin_stage();
   void account_stage(Stage stage, double h);
   void account_position_stage(double h);
   void account_velocity_stage(double h);
   double axis_impulse(std::size_t joint);
-  double motion_energy() const;
   void account_axis(std::size_t joint, double q_0, double s_0, double s_1, double h);
-  double driven_work(const Contact& touch, const Vector3d& impulse) const;
+  void add_driven_work(const Contact& touch, const Vector3d& impulse, double Account::*sum);
   void end_guard();
   bool assembled();
   double largest_gap() const;
   std::size_t widest_joint() const;
-  static double small_energy_of(const scene::Scene& scene);
+  std::size_t fastest(std::size_t account) const;
 
   // Of latches; latches.cpp
   void latches_changed();
@@ -212,6 +218,7 @@ struct World::Impl {
   void follow(Contact& touch, const Contact& before, double drifted) const;
   Vector3d change_along(const Contact& touch) const;
   void set_friction(Contact& touch, const scene::Material& a, const scene::Material& b) const;
+  bool is_dynamic(int body) const { return body >= 0 && bodies[index(body)].dynamic(); }
   double normal_velocity(const Contact& touch) const;
   Vector3d start_velocity(const Contact& touch) const;
   double rest_of(double pressed, double h) const;
@@ -290,10 +297,10 @@ struct World::Impl {
   std::vector<double> q, dq;
   Status status;
   Guard guard;
+  std::vector<std::size_t> account_of;  // of each dynamic body
   std::vector<int> carriers;  // driven bodies with joints
   bool has_driven = false;
   bool joints_hold = false;  // in this step, all errors of joints are below those that fault() looks for
-  double small_energy = 0;   // gains below are no error, J
   std::size_t capacity = 0;  // number of points without allocation
   double margin = 0;
   double rest = 0;         // speed of contacts at rest by gravity, m/s

@@ -289,7 +289,7 @@ TEST(RoundShapes, SmallDiscsGainNoEnergyOrItIsTold) {
         least = std::min(least, w.energy());
         gain = std::max(gain, w.energy() - least);
       }
-      const bool tells = w.gain() > 0.003;
+      const bool tells = w.gain().share > 0.003;
       told += tells ? 1 : 0;
       EXPECT_LT(gain, (one.tilt < 0.8 ? tells ? 0.1 : 0.03 : 4e-3) * start) << size << ' ' << one.tilt;
     }
