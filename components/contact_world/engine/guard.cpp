@@ -66,56 +66,64 @@ void World::Impl::open_accounts() {
   for (const Joint& joint : joints) connect(joint.parent, joint.child);
   for (const Latch& latch : latches) connect(latch.joint.parent, latch.joint.child);
   for (const scene::Gear& gear : scene.gears) connect(moved(joints[index(gear.leader)]), moved(joints[index(gear.follower)]));
-  std::size_t count = 0;
-  account_of.resize(bodies.size());
+  account_of.assign(bodies.size(), -1);
+  int count = 0;
   for (std::size_t b = 0; b < bodies.size(); ++b) {
     if (bodies[b].dynamic()) account_of[b] = find(b) == b ? count++ : account_of[find(b)];
   }
-  guard.accounts.resize(count);
+  guard.accounts.resize(index(count));
   set_small_energies();
 }
 
 void World::Impl::set_small_energies() {
   for (Account& one : guard.accounts) one.small = kSmallEnergy;
   for (std::size_t b = 0; b < bodies.size(); ++b) {
-    if (!bodies[b].dynamic()) continue;
-    guard.accounts[account_of[b]].small += bodies[b].mass * (scene.gravity.norm() * kSmallHeight + kSmallSpeed * kSmallSpeed / 2);
+    if (Account* one = account(static_cast<int>(b)))
+      one->small += bodies[b].mass * (scene.gravity.norm() * kSmallHeight + kSmallSpeed * kSmallSpeed / 2);
   }
+}
+
+/// Account of a body, or null if it is not dynamic.
+Account* World::Impl::account(int body) {
+  const int i = body >= 0 ? account_of[index(body)] : -1;
+  return i >= 0 ? &guard.accounts[index(i)] : nullptr;
 }
 
 /// Account of a joint, or null if it moves no dynamic body.
 Account* World::Impl::account_of_joint(std::size_t joint) {
-  for (const int body : {joints[joint].child, joints[joint].parent}) {
-    if (is_dynamic(body)) return &account(body);
-  }
-  return nullptr;
+  Account* one = account(joints[joint].child);
+  return one != nullptr ? one : account(joints[joint].parent);
 }
 
 /// Calls f(account, share) for each of two bodies that has an account: they share equally.
 template <class F>
 void World::Impl::divide(int a, int b, const F& f) {
-  const double share = is_dynamic(a) && is_dynamic(b) ? 0.5 : 1;
-  for (const int body : {a, b}) {
-    if (is_dynamic(body)) f(account(body), share);
-  }
+  Account *of_a = account(a), *of_b = account(b);
+  const double share = of_a != nullptr && of_b != nullptr ? 0.5 : 1;
+  if (of_a != nullptr) f(*of_a, share);
+  if (of_b != nullptr) f(*of_b, share);
 }
 
 /// Accounts for an impulse on b that does the work `at_b` there, and whose reaction does −at_a on a.
 void World::Impl::exchange(int a, int b, double at_a, double at_b) {
-  divide(a, b, [&](Account& one, double share) { one.passive += share * (at_b - at_a); });
-  if (!is_dynamic(a) || !is_dynamic(b)) return;
-  account(b).work += (at_a + at_b) / 2;
-  account(a).work -= (at_a + at_b) / 2;
+  Account *of_a = account(a), *of_b = account(b);
+  if (of_a != nullptr && of_b != nullptr) {
+    of_a->passive += (at_b - at_a) / 2;
+    of_b->passive += (at_b - at_a) / 2;
+    of_a->work -= (at_a + at_b) / 2;
+    of_b->work += (at_a + at_b) / 2;
+  } else if (Account* one = of_a != nullptr ? of_a : of_b) {
+    one->passive += at_b - at_a;
+  }
 }
 
 void World::Impl::measure_energies() {
   for (Account& one : guard.accounts) one.motion = one.elastic = one.height = 0;
   for (std::size_t b = 0; b < bodies.size(); ++b) {
-    const RigidBody& body = bodies[b];
-    if (!body.dynamic()) continue;
-    Account& one = guard.accounts[account_of[b]];
-    one.motion += body.kinetic_energy();
-    one.height -= body.mass * scene.gravity.dot(body.p);
+    Account* one = account(static_cast<int>(b));
+    if (one == nullptr) continue;
+    one->motion += bodies[b].kinetic_energy();
+    one->height -= bodies[b].mass * scene.gravity.dot(bodies[b].p);
   }
   for (std::size_t j = 0; j < joints.size(); ++j) {
     Account* one = axes[j].inertia > 0 || joints[j].stiffness > 0 ? account_of_joint(j) : nullptr;
@@ -133,6 +141,22 @@ void World::Impl::measure_energies() {
   }
 }
 
+/// Adds the work of driven bodies by the contacts' impulses on b.
+template <class F>
+void World::Impl::add_driven_work(const F& impulse_of, double Account::*sum) {
+  if (!has_driven) return;
+  for (const Contact& touch : touches) {
+    const Vector3d impulse = impulse_of(touch);
+    const auto along = [&](int body) {
+      const RigidBody& one = bodies[index(body)];
+      if (one.motion != scene::Motion::kDriven) return 0.0;
+      return impulse.dot(one.v + one.w.cross(touch.point.p_W - one.p));
+    };
+    const double work = along(touch.point.body_a) - along(touch.point.body_b);
+    divide(touch.point.body_a, touch.point.body_b, [&](Account& one, double share) { one.*sum += share * work; });
+  }
+}
+
 /// Before impacts.
 void World::Impl::begin_impacts() {
   measure_energies();
@@ -142,7 +166,8 @@ void World::Impl::begin_impacts() {
 /// After impacts: each account loses of what they lose in all by the energy that it exchanged.
 void World::Impl::account_impacts() {
   measure_energies();
-  for (const Contact& touch : touches) add_driven_work(touch, touch.impact, &Account::before);  // account_position_stage() has it
+  // account_position_stage() has the work of driven bodies
+  add_driven_work([](const Contact& touch) { return touch.impact; }, &Account::before);
   double lost = 0, exchanged = 0;
   for (const Account& one : guard.accounts) {
     lost += one.before - one.motion;
@@ -174,13 +199,13 @@ void World::Impl::begin_guard() {
   }
   guard.counts = std::all_of(carriers.begin(), carriers.end(),
                              [&](int b) { return bodies[index(b)].v.isZero(0) && bodies[index(b)].w.isZero(0); });
-  measure_energies();
+  if (guard.moved || guard.refreshed) measure_energies();
+  if (guard.replaced) find_deep();
   for (Account& one : guard.accounts) {
     one.work = one.passive = one.placed = one.lifted = one.moved = one.jumps = 0;
     one.stored = one.elastic;
+    one.buried = one.buried || (guard.replaced && one.deep);
   }
-  find_deep();
-  for (Account& one : guard.accounts) one.buried = one.buried || (guard.replaced && one.deep);
   if (!guard.moved) return;
   guard.moved = false;
   for (Account& one : guard.accounts) {
@@ -261,11 +286,12 @@ void World::Impl::account_stage(Stage stage, double h) {
     const RigidBody& body = bodies[b];
     if (!body.dynamic()) continue;
     const Vector3d way = h / 4 * (starts[b].v + body.v);
-    guard.accounts[account_of[b]].passive += body.mass * scene.gravity.dot(way);
+    Account& one = *account(static_cast<int>(b));
+    one.passive += body.mass * scene.gravity.dot(way);
     const Wrench& F = applied[b];
     if (F.isZero(0)) continue;
     const Vector3d turn = h / 4 * (starts[b].w + body.w);
-    guard.accounts[account_of[b]].work += F.head<3>().dot(way + turn.cross(body.R * body.X_PB.p)) + F.tail<3>().dot(turn);
+    one.work += F.head<3>().dot(way + turn.cross(body.R * body.X_PB.p)) + F.tail<3>().dot(turn);
   }
   for (std::size_t j = 0; j < joints.size(); ++j) axes[j].passive[stage == Stage::kPosition ? 0 : 1] = axis_impulse(j);
 }
@@ -276,26 +302,14 @@ void World::Impl::account_position_stage(double h) {
   account_stage(Stage::kPosition, h);
   // An upper bound: the force of the whole step is at most twice that of its first half.
   for (const ConeRow& row : rows.cones()) {
-    divide(row.a, row.b, [&](Account& one, double share) { one.lifted += share * 2 * row.x[0] * row.lift; });
+    if (row.lift > 0) divide(row.a, row.b, [&](Account& one, double share) { one.lifted += share * 2 * row.x[0] * row.lift; });
   }
-  for (const Contact& touch : touches) add_driven_work(touch, touch.impact + touch.sum, &Account::work);
+  add_driven_work([](const Contact& touch) -> Vector3d { return touch.impact + touch.sum; }, &Account::work);
 }
 
 void World::Impl::account_velocity_stage(double h) {
   account_stage(Stage::kVelocity, h);
-  for (const Contact& touch : touches) add_driven_work(touch, touch.impulse, &Account::work);
-}
-
-/// Adds the work of a driven body by an impulse on b.
-void World::Impl::add_driven_work(const Contact& touch, const Vector3d& impulse, double Account::*sum) {
-  if (!has_driven) return;
-  const auto along = [&](int body) {
-    const RigidBody& one = bodies[index(body)];
-    if (one.motion != scene::Motion::kDriven) return 0.0;
-    return impulse.dot(one.v + one.w.cross(touch.point.p_W - one.p));
-  };
-  const double work = along(touch.point.body_a) - along(touch.point.body_b);
-  divide(touch.point.body_a, touch.point.body_b, [&](Account& one, double share) { one.*sum += share * work; });
+  add_driven_work([](const Contact& touch) { return touch.impulse; }, &Account::work);
 }
 
 /// Work of drive, motor, limits, friction and damper of a joint in a step from position q_0 and speed s_0 to the joint's present position and
@@ -322,9 +336,9 @@ void World::Impl::join_accounts() {
     accounts[i].all = {};
   }
   for (const Contact& touch : touches) {
-    const int a = touch.point.body_a, b = touch.point.body_b;
-    if (!is_dynamic(a) || !is_dynamic(b) || (touch.sum.isZero(0) && touch.impact.isZero(0))) continue;
-    const std::size_t one = root_of(account_of[index(a)]), other = root_of(account_of[index(b)]);
+    const int a = account_of[index(touch.point.body_a)], b = account_of[index(touch.point.body_b)];
+    if (a < 0 || b < 0 || a == b || (touch.sum.isZero(0) && touch.impact.isZero(0))) continue;
+    const std::size_t one = root_of(index(a)), other = root_of(index(b));
     accounts[std::max(one, other)].root = std::min(one, other);
   }
 }
@@ -414,7 +428,7 @@ void World::Impl::end_guard() {
     });
   }
   measure_energies();
-  find_deep();
+  if (std::any_of(guard.accounts.begin(), guard.accounts.end(), [](const Account& one) { return one.buried; })) find_deep();
   join_accounts();
   const auto together = [&](const Account& one) -> Together& {
     return guard.accounts[root_of(static_cast<std::size_t>(&one - guard.accounts.data()))].all;
@@ -446,7 +460,7 @@ std::size_t World::Impl::fastest(std::size_t account) const {
   std::size_t found = 0;
   double most = -1;
   for (std::size_t b = 0; b < bodies.size(); ++b) {
-    if (!bodies[b].dynamic() || account_of[b] != account || bodies[b].kinetic_energy() <= most) continue;
+    if (account_of[b] != static_cast<int>(account) || bodies[b].kinetic_energy() <= most) continue;
     most = bodies[b].kinetic_energy();
     found = b;
   }

@@ -25,15 +25,15 @@ struct Together {
 struct Account {
   static constexpr std::size_t kNumbers = 12;  // of the state
 
-  double energy = 0, potential = 0;  // at the end of the last step, J
-  double highest = 0;                // largest energy since the start, without what was gained, J
-  double lowest = 0;                 // least potential, J
-  double excess = 0;                 // energy gained without work, less what was lost without a cause since then, >= 0, J
-  double owed = 0;                   // work that contacts have done on balance and take back first, >= 0, J
-  double lost = 0;                   // in contacts, which corrections of depth may give back, >= 0, J
-  bool buried = false;               // bodies that were placed in one another have not come out yet
-  double jumped = 0;                 // gains that jumps of normals explain, less what was lost since then, >= 0, J
-  double share = 0;                  // excess relative to had() of all that touched when it was gained
+  double energy = 0, potential = 0;      // at the end of the last step, J
+  double highest = 0;                    // largest energy since the start, without what was gained, J
+  double lowest = 0;                     // least potential, J
+  double excess = 0;                     // energy gained without work, less what was lost without a cause since then, >= 0, J
+  double owed = 0;                       // work that contacts have done on balance and take back first, >= 0, J
+  double lost = 0;                       // in contacts, which corrections of depth may give back, >= 0, J
+  bool buried = false;                   // bodies that were placed in one another have not come out yet
+  double jumped = 0;                     // gains that jumps of normals explain, less what was lost since then, >= 0, J
+  double share = 0;                      // excess relative to had() of all that touched when it was gained
   double largest_share = 0, gained = 0;  // largest share; the excess then, J
 
   double had() const { return highest - lowest; }  // the most energy above its lowest place, J
@@ -72,9 +72,9 @@ struct Guard {
   double start_gap = 0, start_tilt = 0;  // while assembling: largest ones when that began, m, rad
   bool assembling = false;               // joints that started apart or beyond their limits are still being corrected
   bool begun = false;
-  bool replaced = false;  // before this step, bodies have been placed anew
-  bool moved = true;   // the state was changed from outside since the last step
-  bool counts = true;  // all work of this step can be determined
+  bool refreshed = false, replaced = false;  // the contacts are new in this step; because bodies were placed anew
+  bool moved = true;                         // the state was changed from outside since the last step
+  bool counts = true;                        // all work of this step can be determined
 };
 
 }  // namespace cotwin::contact_world

@@ -124,8 +124,8 @@ void World::Impl::account_latches() {
       const RigidBody& now = bodies[index(body)];
       const Start& start = starts[index(body)];
       const Vector3d spin = (start.w + now.w) / 2, speed = (start.v + now.v) / 2 + spin.cross(latch.joint.p_child - start.p);
-      account(body).work += (body == latch.joint.child ? 1 : -1) *
-                            (latch.impulse.linear.dot(speed) + latch.impulse.angular.dot(spin));
+      account(body)->work +=
+          (body == latch.joint.child ? 1 : -1) * (latch.impulse.linear.dot(speed) + latch.impulse.angular.dot(spin));
     }
   }
 }

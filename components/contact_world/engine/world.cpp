@@ -243,9 +243,9 @@ double World::largest_gap() const { return impl_->largest_gap(); }
 
 std::size_t World::state_size() const {
   const Impl& w = *impl_;
-  return kHeader + Account::kNumbers * w.guard.accounts.size() + kNumbersPerBody * w.bodies.size() + kNumbersPerJoint * w.joints.size() +
-         kNumbersPerNode * w.forest.nodes().size() + w.loop_numbers() + w.dent_numbers() + Latch::kNumbers * w.latches.size() +
-         kNumbersPerTouch * w.options.contacts;
+  return kHeader + Account::kNumbers * w.guard.accounts.size() + kNumbersPerBody * w.bodies.size() +
+         kNumbersPerJoint * w.joints.size() + kNumbersPerNode * w.forest.nodes().size() + w.loop_numbers() + w.dent_numbers() +
+         Latch::kNumbers * w.latches.size() + kNumbersPerTouch * w.options.contacts;
 }
 
 void World::save(std::vector<double>& state) const {
@@ -269,7 +269,8 @@ void World::save(std::vector<double>& state) const {
     put_all(body.L);
   }
   for (const Account& one : guard.accounts) {
-    put(one.energy, one.potential, one.highest, one.lowest, one.excess, one.owed, one.lost, one.jumped, one.share, one.largest_share, one.gained, one.buried);
+    put(one.energy, one.potential, one.highest, one.lowest, one.excess, one.owed, one.lost, one.jumped, one.share,
+        one.largest_share, one.gained, one.buried);
   }
   for (std::size_t j = 0; j < w.joints.size(); ++j) {
     const Axis& axis = w.axes[j];
@@ -376,8 +377,8 @@ void World::restore(std::span<const double> state) {
     w.twists[b] = body.twist();
   }
   for (Account& one : guard.accounts) {
-    for (double* number : {&one.energy, &one.potential, &one.highest, &one.lowest, &one.excess, &one.owed, &one.lost, &one.jumped,
-                           &one.share, &one.largest_share, &one.gained}) {
+    for (double* number : {&one.energy, &one.potential, &one.highest, &one.lowest, &one.excess, &one.owed, &one.lost,
+                           &one.jumped, &one.share, &one.largest_share, &one.gained}) {
       *number = get();
     }
     one.buried = get() != 0;

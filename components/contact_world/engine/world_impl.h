@@ -156,7 +156,7 @@ struct World::Impl {
   void join_accounts();
   void find_deep();
   std::size_t root_of(std::size_t account) const;
-  Account& account(int body) { return guard.accounts[account_of[index(body)]]; }
+  Account* account(int body);
   Account* account_of_joint(std::size_t joint);
   template <class F>
   void divide(int a, int b, const F& f);
@@ -171,7 +171,8 @@ struct World::Impl {
   void account_velocity_stage(double h);
   double axis_impulse(std::size_t joint);
   void account_axis(std::size_t joint, double q_0, double s_0, double s_1, double h);
-  void add_driven_work(const Contact& touch, const Vector3d& impulse, double Account::*sum);
+  template <class F>
+  void add_driven_work(const F& impulse_of, double Account::*sum);
   void end_guard();
   bool assembled();
   double largest_gap() const;
@@ -297,8 +298,8 @@ struct World::Impl {
   std::vector<double> q, dq;
   Status status;
   Guard guard;
-  std::vector<std::size_t> account_of;  // of each dynamic body
-  std::vector<int> carriers;  // driven bodies with joints
+  std::vector<int> account_of;  // of each body; −1: none, it is not dynamic
+  std::vector<int> carriers;    // driven bodies with joints
   bool has_driven = false;
   bool joints_hold = false;  // in this step, all errors of joints are below those that fault() looks for
   std::size_t capacity = 0;  // number of points without allocation

@@ -38,6 +38,7 @@ void World::Impl::step(double h) {
   status.unsolved = 0;
   status.impacts = 0;
   status.swing = 0;
+  guard.refreshed = stale;
   guard.replaced = stale && !restored;
   if (stale) {
     for (Joint& joint : joints) joint.place(bodies);
