@@ -35,6 +35,12 @@ Vector3d World::Impl::start_velocity(const Contact& touch) const {
   return of(touch.point.body_b) - of(touch.point.body_a);
 }
 
+/// Speed that the impulse of the last solution alone gives the bodies, m/s.
+double World::Impl::pressed_before(const Contact& touch) const {
+  return touch.point.n_W.dot(touch.impulse) *
+         (bodies[index(touch.point.body_a)].inverse_mass + bodies[index(touch.point.body_b)].inverse_mass);
+}
+
 /// Speed below which bodies are at rest that forces press together with the speed `pressed` in a stage, m/s.
 double World::Impl::rest_of(double pressed, double h) const {
   return std::clamp(2 * kSlow * pressed, rest, std::max(rest, kSlow * h * kMostPressed));
@@ -42,13 +48,9 @@ double World::Impl::rest_of(double pressed, double h) const {
 
 /// The same of a contact that the forces of the stage press and, if it is soft, its spring.
 double World::Impl::rest_of(const Contact& touch, double h) const {
-  if (rest >= kSlow * h * kWeakGravity) return rest;
-  double pressed = touch.point.n_W.dot(start_velocity(touch)) - normal_velocity(touch);
-  if (touch.stiffness < kInfinity) {
-    pressed += touch.point.n_W.dot(touch.impulse) *
-               (bodies[index(touch.point.body_a)].inverse_mass + bodies[index(touch.point.body_b)].inverse_mass);
-  }
-  return rest_of(pressed, h);
+  if (!weightless(h)) return rest;
+  const double forces = touch.point.n_W.dot(start_velocity(touch)) - normal_velocity(touch), before = pressed_before(touch);
+  return rest_of(touch.stiffness < kInfinity ? forces + before : std::max(forces, before), h);
 }
 
 void World::Impl::collect_rows(Stage stage, double h) {
@@ -130,8 +132,10 @@ void World::Impl::collect_contact(std::size_t t, Stage stage, double h) {
       row.target = row.lift;
       if (stage == Stage::kVelocity && options.method != Method::kDantzig) row.lo = std::min(0.0, -n.dot(touch.sum));
     }
-    // Bodies that approach will bounce at the start of the next step.
-    if (touch.restitution > 0 && stage == Stage::kVelocity && normal_velocity(touch) < -row.rest) return;
+    // Bodies that approach will bounce at the start of the next step, unless only forces press them together.
+    if (touch.restitution > 0 && stage == Stage::kVelocity && normal_velocity(touch) < -row.rest &&
+        n.dot(start_velocity(touch)) < -row.rest / 2)
+      return;
   }
   if (stage == Stage::kPosition && touch.travel.goes_on) {  // the laws hold for the middle of the step
     const Vector3d change = h / 2 * change_along(touch);

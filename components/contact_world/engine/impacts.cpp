@@ -125,7 +125,8 @@ bool World::Impl::find_impacts(double h) {
 /// Whether two bodies approach fast and would penetrate in this step.
 bool World::Impl::strikes(const Contact& touch, double h) const {
   const double slack = kSlow * h * h * scene.gravity.norm();  // gravity accelerates them in the step
-  return !touch.distant && touch.stiffness == kInfinity && touch.approach < -impacts.slow &&
+  const double slow = weightless(h) ? std::max(impacts.slow, rest_of(pressed_before(touch), h)) : impacts.slow;
+  return !touch.distant && touch.stiffness == kInfinity && touch.approach < -slow &&
          touch.point.gap + h * touch.approach <= slack;
 }
 

@@ -222,6 +222,8 @@ struct World::Impl {
   bool is_dynamic(int body) const { return body >= 0 && bodies[index(body)].dynamic(); }
   double normal_velocity(const Contact& touch) const;
   Vector3d start_velocity(const Contact& touch) const;
+  bool weightless(double h) const { return rest < kSlow * h * kWeakGravity; }
+  double pressed_before(const Contact& touch) const;
   double rest_of(double pressed, double h) const;
   double rest_of(const Contact& touch, double h) const;
 

@@ -31,6 +31,7 @@ constexpr double kSamePlace = 0.02;
 // ---- The phases of a step
 
 void World::Impl::step(double h) {
+  rest = kSlow * h * scene.gravity.norm();
   status.iterations = 0;
   status.residual = 0;
   status.degenerate = 0;
@@ -274,7 +275,6 @@ double World::Impl::normal_velocity(const Contact& touch) const {
 // ---- The two solutions of a step
 
 void World::Impl::solve(Stage stage, double h) {
-  rest = kSlow * h * scene.gravity.norm();
   if (stage == Stage::kPosition) {
     for (Joint& joint : joints) joint.begin_step();
   }
