@@ -11,7 +11,7 @@ namespace {
 /// h ω of a soft contact above which the mean force over a step misses more than 5 % of its peaks.
 constexpr double kResolvedSwing = 1;
 constexpr double kUnsolvedTime = 0.05;  // s; single impacts that are not solved pass unnoticed
-constexpr double kSmallGain = 0.003;
+constexpr double kSmallGain = 0.001;
 
 }  // namespace
 
