@@ -11,7 +11,7 @@ namespace {
 /// h ω of a soft contact above which the mean force over a step misses more than 5 % of its peaks.
 constexpr double kResolvedSwing = 1;
 constexpr double kUnsolvedTime = 0.05;  // s; single impacts that are not solved pass unnoticed
-constexpr double kSmallGain = 0.001;
+constexpr double kSmallGain = 0.003;
 
 }  // namespace
 
@@ -26,18 +26,21 @@ void ContactWorld::append_notes(std::vector<std::string>& notes) const {
   if (unsolved_time_ > kUnsolvedTime) {
     notes.push_back("contacts were left unsolved for " + text::to_text(unsolved_time_, 3) +
                     " s of the run, with a residual of up to " + text::to_text(largest_unsolved_, 2) +
-                    " m/s, expected at most the speed that gravity gives in two steps, at rest a twentieth of it or 1 mm/s: "
-                    "bodies may slide or "
-                    "fall where they should stand; more max_iterations or smaller steps help");
+                    " m/s, expected at most the speed that gravity, or without it what presses bodies together, gives in two "
+                    "steps, at rest "
+                    "a twentieth of it or 1 mm/s: bodies may slide or fall where they should stand; more max_iterations or "
+                    "smaller steps help");
   }
   const World::Gain gain = world_->gain();
   if (gain.share > kSmallGain) {
-    notes.push_back("energy has grown without work by " + text::to_text(gain.joules, 3) + " J, " +
-                    text::to_text(gain.of_body, 3) + " J of it in body '" + world_->scene().bodies[gain.body].name +
-                    "' and what joints connect to it: " + text::to_text(100 * gain.share, 3) +
-                    " % of the energy that it had (of motion, of springs, above its lowest place), expected at most " +
-                    text::to_text(100 * kSmallGain) +
-                    " %: the steps are too long for small edges that roll, for example; smaller steps help");
+    const std::string body = "body '" + world_->scene().bodies[gain.body].name + "' and what joints connect to it";
+    notes.push_back(
+        "energy has grown without work by " + text::to_text(gain.joules, 3) + " J, " +
+        (gain.of_body < gain.joules ? text::to_text(gain.of_body, 3) + " J of it in " : "in ") + body + ": " +
+        text::to_text(100 * gain.share, 3) +
+        " % of the energy that was there (kinetic, of springs, above the lowest place), expected at most " +
+        text::to_text(100 * kSmallGain) +
+        " %: the steps are too long for how fast bodies turn or roll, or for contacts that stay unsolved; smaller steps help");
   }
   if (largest_swing_ <= kResolvedSwing) return;
   notes.push_back("the step is " + text::to_text(std::round(10 * largest_swing_) / 10) +

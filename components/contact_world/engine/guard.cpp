@@ -32,6 +32,9 @@ constexpr double kNearer = 0.99;
 /// In soft contacts deeper than this, relative to the smaller body, normals jump and the springs' energy with them.
 constexpr double kDeep = 0.05;
 
+/// Larger shares of gained energy are taken back from free bodies.
+constexpr double kTakenBack = 1e-3;
+
 /// Bodies that overlap by less only touch.
 constexpr double kTouching = 1e-5;  // m
 
@@ -333,11 +336,20 @@ void World::Impl::join_accounts() {
   std::vector<Account>& accounts = guard.accounts;
   for (std::size_t i = 0; i < accounts.size(); ++i) {
     accounts[i].root = i;
+    accounts[i].grounded = accounts[i].held = false;
     accounts[i].all = {};
   }
   for (const Contact& touch : touches) {
     const int a = account_of[index(touch.point.body_a)], b = account_of[index(touch.point.body_b)];
-    if (a < 0 || b < 0 || a == b || (touch.sum.isZero(0) && touch.impact.isZero(0))) continue;
+    if (a == b || (touch.sum.isZero(0) && touch.impact.isZero(0))) continue;
+    if (a < 0 || b < 0) {
+      const RigidBody& ground = bodies[index(a < 0 ? touch.point.body_a : touch.point.body_b)];
+      Account& one = accounts[index(std::max(a, b))];
+      const bool rigid = touch.stiffness == scene::kInfinity && ground.motion == scene::Motion::kStatic;
+      (rigid ? one.grounded : one.held) = true;
+      continue;
+    }
+    accounts[index(a)].held = accounts[index(b)].held = true;
     const std::size_t one = root_of(index(a)), other = root_of(index(b));
     accounts[std::max(one, other)].root = std::min(one, other);
   }
@@ -412,9 +424,25 @@ void Account::end_step(const Together& all, bool counts) {
   potential = height;
   highest = std::max(highest, energy - excess);
   lowest = std::min(lowest, potential);
-  if (share <= largest_share) return;
-  largest_share = share;
-  gained = excess;
+}
+
+/// Slows a free body down that has gained energy on rigid ground, as discs do that roll fast on their edge. In any scale, its velocity satisfies the
+/// conditions of its contacts. Elsewhere, momentum or somebody's work would be lost.
+void World::Impl::take_back_gains() {
+  for (std::size_t b = 0; b < bodies.size(); ++b) {
+    Account* one = account(static_cast<int>(b));
+    if (one == nullptr || frozen[b] || !one->grounded || one->held || one->share <= kTakenBack) continue;
+    const double back = one->excess * (1 - kTakenBack / one->share);
+    if (back >= one->motion) continue;
+    const double scale = std::sqrt(1 - back / one->motion);
+    bodies[b].v *= scale;
+    bodies[b].L *= scale;
+    bodies[b].update_spin();
+    twists[b] = bodies[b].twist();
+    one->energy -= back;
+    one->excess -= back;
+    one->share = kTakenBack;
+  }
 }
 
 void World::Impl::end_guard() {
@@ -436,6 +464,12 @@ void World::Impl::end_guard() {
   for (const Account& one : guard.accounts) one.add_lifts(together(one));
   for (Account& one : guard.accounts) one.judge(together(one));
   for (Account& one : guard.accounts) one.end_step(together(one), guard.counts && !guard.assembling);
+  take_back_gains();
+  for (Account& one : guard.accounts) {
+    if (one.share <= one.largest_share) continue;
+    one.largest_share = one.share;
+    one.gained = one.excess;
+  }
   if (!guard.assembling) return;
   const double gap = largest_gap();
   if (gap < kNearer * guard.nearest) {

@@ -59,8 +59,9 @@ struct Account {
   double stored = 0;   // elastic, at its start
   double small = 0;    // gains below are no error
   double loss = 0, gain = 0;
-  std::size_t root = 0;  // the first account of those that touch, by way of others
-  Together all;          // of the root
+  std::size_t root = 0;                 // the first account of those that touch, by way of others
+  Together all;                         // of the root
+  bool grounded = false, held = false;  // touches rigid ground; something else
 };
 
 /// Account of a world's energy and of its joints' gaps, which World::fault() and World::gain() judge.

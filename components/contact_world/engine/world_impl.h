@@ -155,6 +155,7 @@ struct World::Impl {
   void set_small_energies();
   void join_accounts();
   void find_deep();
+  void take_back_gains();
   std::size_t root_of(std::size_t account) const;
   Account* account(int body);
   Account* account_of_joint(std::size_t joint);

@@ -166,6 +166,46 @@ TEST(Guard, NamesABodyWhoseRotationGainsEnergy) {
   EXPECT_EQ(run(fine, 1e-3, 5, kGapLimit, kEnergyLimit).fault, "");
 }
 
+/// A stick as above beside one that turns slowly, a cube in flight and a pendulum whose damper takes energy.
+TEST(Guard, TellsWhoGainedHowMuchBesideOthersThatLose) {
+  scene::Scene scene = chain(1, 0.5, 3);
+  scene.gravity.setZero();
+  scene.joints[0].damping = 0.5;
+  scene.bodies.push_back(block("slow", {5, 0, 0}, {0.1, 0.1, 1}, scene::Motion::kDynamic));
+  scene.bodies.push_back(block("fast", {10, 0, 0}, {0.1, 0.1, 1}, scene::Motion::kDynamic));
+  for (const std::size_t b : {1U, 2U}) scene.bodies[b].inertia.I_CC = Vector3d(1, 0.99, 0.01).asDiagonal();
+  scene.bodies.push_back(block("cube", {15, 0, 0}, {0.1, 0.1, 0.1}, scene::Motion::kDynamic));
+  for (const Method method : {Method::kTree, Method::kDantzig, Method::kPgs}) {
+    World world(scene, with(method));
+    Twist V = Twist::Zero();
+    V[4] = 20;
+    world.set_twist(0, V);
+    V << 0, 0, 0, 0.01, 1, 0.03;
+    world.set_twist(1, V);
+    V << 0, 0, 0, 0.01, 100, 3;
+    world.set_twist(2, V);
+    V << 30, 0, 0, 0, 0, 0;
+    world.set_twist(3, V);
+    const auto of_stick = [&] {
+      const Vector3d w = world.poses()[2].R.transpose() * world.twists()[2].tail<3>();
+      return w.dot(scene.bodies[2].inertia.I_CC * w) / 2;
+    };
+    const double before = of_stick();
+    double least = before, most = 0;
+    for (int k = 0; k < 50; ++k) {
+      world.step(0.02);
+      least = std::min(least, of_stick());
+      most = std::max(most, of_stick() - least);
+    }
+    const World::Gain gain = world.gain();
+    EXPECT_EQ(scene.bodies[gain.body].name, "fast");
+    EXPECT_NEAR(gain.of_body, most, 0.01 * most);
+    EXPECT_NEAR(gain.joules, most, 0.01 * most);
+    EXPECT_NEAR(gain.share, most / before, 0.01 * most / before);
+    EXPECT_GT(gain.share, 0.1);
+  }
+}
+
 // ---- Runs that must not end. With this share each would end if its work were not counted.
 
 constexpr double kSmallShare = 0.02;

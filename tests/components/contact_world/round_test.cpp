@@ -270,31 +270,29 @@ TEST(RoundShapes, RollingEdgesKeepTheirEnergy) {
   }
 }
 
-// The step is coarse against their turn, so that the way of the point of contact bends within it. Discs that are nearly flat and precess fast
-// gain energy all the same, and World::gain() tells it.
-TEST(RoundShapes, SmallDiscsGainNoEnergyOrItIsTold) {
+// The step is coarse against their turn, so that the way of the point of contact bends within it: discs of 5 to 30 mm that precess fast gained up
+// to a third of their energy in 20 s.
+TEST(RoundShapes, SmallDiscsGainNoEnergy) {
   struct Case {
     double tilt, precession, spin;
   };
-  int told = 0;
   for (const double size : {0.3, 0.12, 0.06}) {
     for (const Case& one : {Case{1.3, 2, -20}, Case{1.0, 8, -25}, Case{0.9, 5, -15}, Case{0.4, 12, -14}, Case{0.5, 0, -13}}) {
-      scene::Scene scene;
-      scene.bodies = {cotwin::testing::ground(1), leaning_disc(one.tilt, one.precession, one.spin, 0, size)};
-      World w = world(scene);
-      const double start = w.energy();
-      double least = start, gain = 0;
-      for (int k = 0; k < 5000; ++k) {
-        w.step(1e-3);
-        least = std::min(least, w.energy());
-        gain = std::max(gain, w.energy() - least);
+      for (const double h : {1e-3, 4e-3}) {
+        scene::Scene scene;
+        scene.bodies = {cotwin::testing::ground(1), leaning_disc(one.tilt, one.precession, one.spin, 0, size)};
+        World w = world(scene);
+        const double start = w.energy();
+        double gain = 0;
+        for (int k = 0; k < std::lround(20 / h); ++k) {
+          w.step(h);
+          gain = std::max(gain, w.energy() - start);
+        }
+        EXPECT_LT(gain, 5e-3 * start) << size << ' ' << one.tilt << ", step " << h;
+        EXPECT_LT(w.gain().share, 1.01e-3) << size << ' ' << one.tilt << ", step " << h;
       }
-      const bool tells = w.gain().share > 0.003;
-      told += tells ? 1 : 0;
-      EXPECT_LT(gain, (one.tilt < 0.8 ? tells ? 0.1 : 0.03 : 4e-3) * start) << size << ' ' << one.tilt;
     }
   }
-  EXPECT_GE(told, 2);
 }
 
 TEST(RoundShapes, ARollingEdgeKeepsItsEnergyBesideABodyThatIsMovedInEveryStep) {

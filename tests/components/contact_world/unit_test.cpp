@@ -16,6 +16,7 @@
 #include "components/unit/snapshot.h"
 #include "components/unit/unit_table.h"
 #include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 #include "models/robot/urdf/urdf.h"
 #include "models/scene/robot_links.h"
 #include "tests/support/allocations.h"
@@ -29,6 +30,7 @@ namespace {
 
 using cotwin::testing::error_of;
 using cotwin::testing::TemporaryFolder;
+using ::testing::AllOf;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::StartsWith;
@@ -306,6 +308,31 @@ TEST(ContactWorld, NotesContactsThatItLeavesUnsolved) {
   EXPECT_THAT(notes(), ElementsAre(StartsWith("contacts were left unsolved for 0.0")));
   tower.initialise();
   EXPECT_THAT(notes(), ElementsAre());
+}
+
+// A stick that turns about its stiff axis by 2 rad a step.
+TEST(ContactWorld, NotesTheBodyThatGainsEnergy) {
+  const TemporaryFolder folder("stick");
+  folder.write(
+      "stick.sdf",
+      "<sdf version='1.10' xmlns:cotwin='urn:cotwin:scene:1'><world name='w'><gravity>0 0 0</gravity><model name='stick'>"
+      "<link name='l'><inertial><mass>1</mass><inertia><ixx>1</ixx><iyy>0.99</iyy><izz>0.01</izz></inertia></inertial>"
+      "<cotwin:velocity>0 0 0 0.01 100 3</cotwin:velocity></link></model></world></sdf>");
+  Subject stick("unit:contact_world?scene=" + (folder.path() / "stick.sdf").string());
+  stick.fill("energy_limit", 0).initialise();
+  const double before = stick["energy"][0];
+  double least = before, most = 0;
+  for (int i = 0; i < 50; ++i) {
+    stick.step(0.02);
+    least = std::min(least, stick["energy"][0]);
+    most = std::max(most, stick["energy"][0] - least);
+  }
+  std::vector<std::string> notes;
+  stick.unit().append_notes(notes);
+  const std::string joules = cotwin::text::to_text(most, 3) + " J",
+                    percent = cotwin::text::to_text(100 * most / before, 3) + " %";
+  EXPECT_THAT(notes, ElementsAre(AllOf(StartsWith("energy has grown without work by " + joules), HasSubstr("body 'stick'"),
+                                       HasSubstr(percent))));
 }
 
 // Steps that are taken back, such as those that measure a loop, are not part of the run.
