@@ -375,6 +375,7 @@ void Account::judge(Together& all) {
   const double balance = passive + height - potential + elastic - stored - placed - raised;
   loss = std::max(0.0, -balance - owed);
   gain = total() - energy - work - placed - (buried ? raised : 0);
+  net += gain;
   all.more += gain;
   all.balance += balance;
   all.owed += owed;
@@ -426,22 +427,24 @@ void Account::end_step(const Together& all, bool counts) {
   lowest = std::min(lowest, potential);
 }
 
-/// Slows a free body down that has gained energy on rigid ground, as discs do that roll fast on their edge. In any scale, its velocity satisfies the
-/// conditions of its contacts. Elsewhere, momentum or somebody's work would be lost.
+/// Slows a free body down that has more energy than ever came to it and stands on rigid ground, as discs do that roll fast on their edge. In any scale
+/// its velocity satisfies the conditions of its contacts. Elsewhere, momentum or somebody's work would be lost.
 void World::Impl::take_back_gains() {
   for (std::size_t b = 0; b < bodies.size(); ++b) {
     Account* one = account(static_cast<int>(b));
-    if (one == nullptr || frozen[b] || !one->grounded || one->held || one->share <= kTakenBack) continue;
-    const double back = one->excess * (1 - kTakenBack / one->share);
-    if (back >= one->motion) continue;
+    if (one == nullptr || frozen[b] || !one->grounded || one->held) continue;
+    const double back = one->net - kTakenBack * (one->had() + one->small);
+    if (!(back > 0 && back < one->motion)) continue;
     const double scale = std::sqrt(1 - back / one->motion);
     bodies[b].v *= scale;
     bodies[b].L *= scale;
     bodies[b].update_spin();
     twists[b] = bodies[b].twist();
     one->energy -= back;
-    one->excess -= back;
-    one->share = kTakenBack;
+    one->net -= back;
+    const double left = std::max(0.0, one->excess - back);
+    if (one->excess > 0) one->share *= left / one->excess;
+    one->excess = left;
   }
 }
 

@@ -23,7 +23,7 @@ struct Together {
 /// speed, in each of the two solutions of a step. Without D a loss would hide a gain of the same size. What two such bodies lose or store in their
 /// contact counts half for each.
 struct Account {
-  static constexpr std::size_t kNumbers = 12;  // of the state
+  static constexpr std::size_t kNumbers = 13;  // of the state
 
   double energy = 0, potential = 0;      // at the end of the last step, J
   double highest = 0;                    // largest energy since the start, without what was gained, J
@@ -31,6 +31,7 @@ struct Account {
   double excess = 0;                     // energy gained without work, less what was lost without a cause since then, >= 0, J
   double owed = 0;                       // work that contacts have done on balance and take back first, >= 0, J
   double lost = 0;                       // in contacts, which corrections of depth may give back, >= 0, J
+  double net = 0;                        // energy since the start without work and without losses, J
   bool buried = false;                   // bodies that were placed in one another have not come out yet
   double jumped = 0;                     // gains that jumps of normals explain, less what was lost since then, >= 0, J
   double share = 0;                      // excess relative to had() of all that touched when it was gained

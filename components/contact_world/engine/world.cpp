@@ -269,7 +269,7 @@ void World::save(std::vector<double>& state) const {
     put_all(body.L);
   }
   for (const Account& one : guard.accounts) {
-    put(one.energy, one.potential, one.highest, one.lowest, one.excess, one.owed, one.lost, one.jumped, one.share,
+    put(one.energy, one.potential, one.highest, one.lowest, one.excess, one.owed, one.lost, one.net, one.jumped, one.share,
         one.largest_share, one.gained, one.buried);
   }
   for (std::size_t j = 0; j < w.joints.size(); ++j) {
@@ -377,7 +377,7 @@ void World::restore(std::span<const double> state) {
     w.twists[b] = body.twist();
   }
   for (Account& one : guard.accounts) {
-    for (double* number : {&one.energy, &one.potential, &one.highest, &one.lowest, &one.excess, &one.owed, &one.lost,
+    for (double* number : {&one.energy, &one.potential, &one.highest, &one.lowest, &one.excess, &one.owed, &one.lost, &one.net,
                            &one.jumped, &one.share, &one.largest_share, &one.gained}) {
       *number = get();
     }

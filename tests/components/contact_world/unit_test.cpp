@@ -928,7 +928,7 @@ TEST(ContactWorld, RefusesAStateThatIsDamaged) {
     world["world"][2] = kept;
   }
   // The first one, after the header, the bodies and the account of one: indices of bodies and shapes, both halves of its id
-  const std::size_t contact = 8 + 16 * 2 + 12;
+  const std::size_t contact = 8 + 16 * 2 + 13;
   for (std::size_t i = 0; i < 6; ++i) {
     const double kept = std::exchange(world["world"][contact + i], -3e10);
     EXPECT_THROW(world.unit().restored(), Error) << i;
