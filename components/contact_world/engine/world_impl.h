@@ -3,10 +3,10 @@
 #include <cstdint>
 #include <vector>
 
+#include "components/contact_world/engine/accounts/accounts.h"
 #include "components/contact_world/engine/advance.h"
 #include "components/contact_world/engine/body/body.h"
 #include "components/contact_world/engine/collision/collision.h"
-#include "components/contact_world/engine/guard.h"
 #include "components/contact_world/engine/joints/axes.h"
 #include "components/contact_world/engine/joints/forest.h"
 #include "components/contact_world/engine/joints/joint.h"
@@ -314,5 +314,14 @@ struct World::Impl {
   bool stale = true;       // poses changed since refresh()
   bool restored = false;   // the margin is that of the restored state
 };
+
+/// Calls f(account, share) for each of two bodies that has an account: they share equally.
+template <class F>
+void World::Impl::divide(int a, int b, const F& f) {
+  Account *of_a = account(a), *of_b = account(b);
+  const double share = of_a != nullptr && of_b != nullptr ? 0.5 : 1;
+  if (of_a != nullptr) f(*of_a, share);
+  if (of_b != nullptr) f(*of_b, share);
+}
 
 }  // namespace cotwin::contact_world

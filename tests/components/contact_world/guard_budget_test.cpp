@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "components/contact_world/engine/guard.h"
+#include "components/contact_world/engine/accounts/accounts.h"
 #include "components/contact_world/engine/world.h"
 #include "tests/components/contact_world/methods.h"
 #include "tests/support/contact_scenes.h"

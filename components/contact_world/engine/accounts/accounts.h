@@ -4,7 +4,7 @@
 
 namespace cotwin::contact_world {
 
-/// Sums over the accounts that touch one another in a step, J.
+/// Sums over the accounts whose bodies touch one another in a step, J.
 struct Together {
   double lifted = 0, higher = 0;  // most work of the corrections of depth; rise of heights and springs
   double raised = 0;              // by these corrections, of bodies that were not placed in one another
@@ -16,35 +16,35 @@ struct Together {
   double had = 0, small = 0;
 };
 
-/// Energy of bodies that joints, gears or latches connect, or of a free body. It is gained without work where
+/// Energy of a free body, or of bodies that joints, gears or latches connect. It is gained without work where
 ///   E(t + h) − E(t) − W + D > 0
-/// E: kinetic with the inertias of axes, potential, that of the joints' springs and of soft contacts; W: work in the step of all that acts
-/// from outside, other bodies included; D: energy lost in contacts, impacts, dampers, friction and limits of joints. Each work is impulse times mean
-/// speed, in each of the two solutions of a step. Without D a loss would hide a gain of the same size. What two such bodies lose or store in their
-/// contact counts half for each.
+/// E: kinetic with the inertias of axes, potential, that of the joints' springs and of soft contacts; W: work in the step of all that acts from outside,
+/// other bodies included; D: energy lost in contacts, impacts, dampers, friction and limits of joints. Each work is impulse times mean speed, in each of
+/// the two solutions of a step. Without D a loss would hide a gain of the same size. What two accounts lose or store in a contact counts half for each, and
+/// those that touch are judged together, so that errors which one contact makes and another one takes back are no gain.
 struct Account {
   static constexpr std::size_t kNumbers = 13;  // of the state
 
   double energy = 0, potential = 0;      // at the end of the last step, J
-  double highest = 0;                    // largest energy since the start, without what was gained, J
-  double lowest = 0;                     // least potential, J
-  double excess = 0;                     // energy gained without work, less what was lost without a cause since then, >= 0, J
+  double highest = 0, lowest = 0;        // since the start: largest energy without what was gained, least potential, J
+  double excess = 0;                     // gained without work, less what was lost without a cause since then, >= 0, J
+  double net = 0;                        // E − W since the start: gained less all that was lost, J
   double owed = 0;                       // work that contacts have done on balance and take back first, >= 0, J
   double lost = 0;                       // in contacts, which corrections of depth may give back, >= 0, J
-  double net = 0;                        // energy since the start without work and without losses, J
-  bool buried = false;                   // bodies that were placed in one another have not come out yet
   double jumped = 0;                     // gains that jumps of normals explain, less what was lost since then, >= 0, J
   double share = 0;                      // excess relative to had() of all that touched when it was gained
-  double largest_share = 0, gained = 0;  // largest share; the excess then, J
+  double largest_share = 0, gained = 0;  // since the start; the excess then, J
+  bool buried = false;                   // bodies that were placed in one another have not come out yet
 
-  double had() const { return highest - lowest; }  // the most energy above its lowest place, J
+  double had() const { return highest - lowest; }  // the most energy above the lowest place, J
 
+  // At the end of a step, one after the other for all accounts
   void add_lifts(Together& all) const;
   void judge(Together& all);
   void end_step(const Together& all, bool counts);
 
-  // Now, J; measure_energies()
-  double motion = 0, elastic = 0;  // kinetic with the energy of springs; of it, that of soft contacts
+  // Now, J
+  double motion = 0, elastic = 0;  // kinetic and of springs; of it, that of soft contacts
   double height = 0;               // potential
   double total() const { return motion + height; }
 
@@ -54,15 +54,15 @@ struct Account {
   double placed = 0;   // energy of soft contacts that begin deep
   double lifted = 0;   // most work of the corrections of depth
   double moved = 0;    // energy of bodies that are moved apart
-  bool deep = false;   // bodies are in one another
   double jumps = 0;    // twice the energy of soft contacts whose normals may jump
-  double before = 0;   // energy before what is measured
   double stored = 0;   // elastic, at its start
-  double small = 0;    // gains below are no error
-  double loss = 0, gain = 0;
-  std::size_t root = 0;                 // the first account of those that touch, by way of others
+  double before = 0;   // before impacts, or before bodies are moved apart
+  double more = 0, loss = 0, gain = 0;
+  double small = 0;                     // gains below are no error
+  bool deep = false;                    // bodies are in one another
+  bool grounded = false, held = false;  // touches rigid ground that stands still; something else
+  std::size_t root = 0;                 // the first account of those that touch, also by way of others
   Together all;                         // of the root
-  bool grounded = false, held = false;  // touches rigid ground; something else
 };
 
 /// Account of a world's energy and of its joints' gaps, which World::fault() and World::gain() judge.
