@@ -1,7 +1,10 @@
 // The accounts of energy, and the work that is booked in them.
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numeric>
+#include <utility>
+#include <vector>
 
 #include "components/contact_world/engine/solvers/numbers.h"
 #include "components/contact_world/engine/world_impl.h"
@@ -167,7 +170,7 @@ double World::Impl::axis_impulse(std::size_t joint) {
   return sum;
 }
 
-/// Work of gravity, of applied wrenches, and of contacts on the relative motion of their bodies, and the impulses on the axes of joints. The arms are those of the stage's start,
+/// Books the work of gravity, of applied wrenches and of contacts, and stores the impulses on the axes of joints. The arms are those of the stage's start,
 /// because bodies with joints have moved since.
 void World::Impl::account_stage(Stage stage, double h) {
   const auto mean = [&](int body, const Vector3d& p) -> Vector3d {
