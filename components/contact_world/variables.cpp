@@ -141,8 +141,9 @@ void ContactWorld::declare(Variables& v) {
   v.parameter("joint_gap_limit", joint_gap_limit_, "m",
               "gap of a joint that ends the run with an error, as does a tilt of 0.1 rad; 0: no check")
       .range(0, 1000);
-  v.parameter("energy_limit", energy_limit_, "1",
-              "energy gained without work that ends the run with an error, as a share of the most energy that was there; 0: no check")
+  v.parameter(
+       "energy_limit", energy_limit_, "1",
+       "energy gained without work that ends the run with an error, as a share of the most energy that was there; 0: no check")
       .range(0, 1000);
   if (shown_ > 0) {
     v.output("contact_p", contact_p_, "m", "position in W of the first `points` contact points, x, y, z of each");
