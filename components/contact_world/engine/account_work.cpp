@@ -44,6 +44,9 @@ void World::Impl::open_accounts() {
     if (bodies[b].dynamic()) account_of[b] = find(b) == b ? count++ : account_of[find(b)];
   }
   guard.accounts.resize(index(count));
+  for (const int i : account_of) {
+    if (i >= 0) ++guard.accounts[index(i)].bodies;
+  }
   set_small_energies();
 }
 

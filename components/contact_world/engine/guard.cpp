@@ -123,7 +123,7 @@ std::size_t World::Impl::root_of(std::size_t account) const {
 void World::Impl::take_back_gains() {
   for (std::size_t b = 0; b < bodies.size(); ++b) {
     Account* one = account(static_cast<int>(b));
-    if (one == nullptr || frozen[b] || !one->grounded || one->held) continue;
+    if (one == nullptr || one->bodies > 1 || frozen[b] || !one->grounded || one->held) continue;
     const double back = one->net - kTakenBack * (one->had() + one->small);
     if (!(back > 0 && back < one->motion)) continue;
     const double scale = std::sqrt(1 - back / one->motion);

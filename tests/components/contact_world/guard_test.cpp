@@ -206,6 +206,14 @@ TEST(Guard, TellsWhoGainedHowMuchBesideOthersThatLose) {
   }
 }
 
+TEST(Guard, TellsNoGainOfFourBarsThatSwing) {
+  for (const Method method : {Method::kTree, Method::kDantzig, Method::kPgs}) {
+    World world(parallelogram(), with(method));
+    for (int k = 0; k < 5000; ++k) world.step(1e-3);
+    EXPECT_LT(world.gain().share, 1e-3) << world.gain().joules << " J, method " << static_cast<int>(method);
+  }
+}
+
 // ---- Runs that must not end. With this share each would end if its work were not counted.
 
 constexpr double kSmallShare = 0.02;

@@ -36,6 +36,8 @@ struct Account {
   double largest_share = 0, gained = 0;  // since the start; the excess then, J
   bool buried = false;                   // bodies that were placed in one another have not come out yet
 
+  int bodies = 0;
+
   double had() const { return highest - lowest; }  // the most energy above the lowest place, J
 
   // At the end of a step, one after the other for all accounts
