@@ -123,8 +123,8 @@ std::size_t World::Impl::root_of(std::size_t account) const {
 void World::Impl::take_back_gains() {
   for (std::size_t b = 0; b < bodies.size(); ++b) {
     Account* one = account(static_cast<int>(b));
-    if (one == nullptr || one->bodies > 1 || frozen[b] || !one->grounded || one->held) continue;
-    const double back = one->net - kTakenBack * (one->had() + one->small);
+    if (one == nullptr || one->bodies > 1 || frozen[b] || !one->grounded || one->held || one->buried) continue;
+    const double back = std::min(one->excess, one->net - kTakenBack * (one->had() + one->small));
     if (!(back > 0 && back < one->motion)) continue;
     const double scale = std::sqrt(1 - back / one->motion);
     bodies[b].v *= scale;
@@ -133,9 +133,8 @@ void World::Impl::take_back_gains() {
     twists[b] = bodies[b].twist();
     one->energy -= back;
     one->net -= back;
-    const double left = std::max(0.0, one->excess - back);
-    if (one->excess > 0) one->share *= left / one->excess;
-    one->excess = left;
+    one->share *= 1 - back / one->excess;
+    one->excess -= back;
   }
 }
 
