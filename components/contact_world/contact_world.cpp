@@ -66,6 +66,9 @@ ContactWorld::ContactWorld(Settings& settings)
     auto made = std::make_unique<Body>(place_, body);
     made->prefix = made->name + ".";
     made->index = i;
+    made->jointed = std::ranges::any_of(cell_.scene.joints, [i](const scene::Joint& joint) {
+      return joint.parent == static_cast<int>(i) || joint.child == static_cast<int>(i);
+    });
     vector3(made->p0) = body.X_WB.p;
     put_quaternion(body.X_WB.R, made->quat0);
     vector3(made->v0) = body.V_WB.head<3>();
@@ -73,6 +76,12 @@ ContactWorld::ContactWorld(Settings& settings)
     bodies_.push_back(std::move(made));
   }
   latches_ = LatchPort::read(place_, settings.text("latches"), cell_);
+  loads_ = std::make_unique<Loads>(latches_.size());
+  for (const auto& r : robots_) {
+    const auto rows = static_cast<Eigen::Index>(6 * latches_.size()), n = static_cast<Eigen::Index>(r->n);
+    r->J.resize(rows, n);
+    r->response.resize(n, rows);
+  }
   check_names();
   contact_p_.resize(3 * shown_);
   contact_f_.resize(3 * shown_);
@@ -242,6 +251,7 @@ void ContactWorld::initialise(Time start) {
   build();
   for (const auto& robot : robots_) {
     robot->dq_before = robot->dq;
+    robot->q_before = robot->q;
     std::fill(robot->ddq.begin(), robot->ddq.end(), 0.0);
   }
   h_before_ = 0;
@@ -277,10 +287,12 @@ void ContactWorld::set_bodies(Robot& r) {
 void ContactWorld::set_links(Robot& r, double h) {
   if (floating_) r.X_WB = pose_of_input(place_, r.prefix, "base_quat", r.base_p, r.base_quat);
   scene::place_links(r.placed->model, r.X_WB, r.q, r.dq, r.X_WL, r.V_WL);
+  const bool corrects = actuation_ == Actuation::kTorque && h_before_ > 0;
   if (floating_) {
     const Eigen::Vector3d v = vector3(r.base_v), w = vector3(r.base_w);
     Twist V_WB;
     V_WB << v, w;
+    if (corrects) add_correction(r.parts.base, r.X_WB, V_WB);
     world_->set_pose(r.parts.base, r.X_WB);
     world_->set_twist(r.parts.base, V_WB);
     for (std::size_t i = 0; i < r.X_WL.size(); ++i) {
@@ -288,6 +300,7 @@ void ContactWorld::set_links(Robot& r, double h) {
       r.V_WL[i].tail<3>() += w;
     }
   }
+  if (corrects) add_correction(r);
   for (std::size_t i = 0; i < r.X_WL.size(); ++i) {
     world_->set_pose(r.parts.bodies[i], r.X_WL[i]);
     world_->set_twist(r.parts.bodies[i], r.V_WL[i]);
@@ -299,6 +312,7 @@ void ContactWorld::set_links(Robot& r, double h) {
     drive(r, h);
   }
   r.dq_before = r.dq;
+  r.q_before = r.q;
 }
 
 /// actuation=prescribed: applies the torque that explains the last step by (2a), without the contacts.
@@ -325,6 +339,7 @@ StepResult ContactWorld::step(Time now, Duration duration) {
       drive(*robot, h);
     }
   }
+  carry_loads();
   for (const auto& b : bodies_) {
     if (b->motion == scene::Motion::kDynamic) {
       Wrench F;
@@ -440,6 +455,10 @@ void ContactWorld::write_outputs(double now, double h) {
     add_latch(latch.joint.child, latch.joint.p_child, latches_[i].wrench());
     add_latch(latch.joint.parent, latch.joint.p_child, -latches_[i].wrench());
   }
+  for (const auto& r : robots_) {
+    for (std::size_t i = 0; i < r->n; ++i) r->tau_c[i] = r->tau_e[i] - r->mean_other(i, h);
+  }
+  write_loads(h);
   const Status& status = world_->status();
   contacts_ = static_cast<std::int32_t>(points.size());
   used_iterations_ = status.iterations;
@@ -471,6 +490,7 @@ void ContactWorld::restored() {
     show_tools(r, true);
   }
   world_->restore(state_);
+  find_loads(h_before_);
 }
 
 }  // namespace cotwin::contact_world

@@ -49,6 +49,7 @@ class ContactWorld final : public Unit {
  private:
   struct Robot;
   struct Body;
+  struct Loads;
   enum class LinkSide { kInside, kOutside };
   enum class Actuation { kTorque, kPrescribed };
 
@@ -65,9 +66,18 @@ class ContactWorld final : public Unit {
   void set_links(Robot& robot, double h);
   void apply_last_torque(Robot& robot);
   void drive(Robot& robot, double h);
-  void compute_mobility(Robot& robot);
+  void compute_mobility(Robot& robot, const std::vector<double>& q);
+  static double step_damping(const Robot& robot, std::size_t joint, double h);
   void write_outputs(double now, double h);
   void write_robot(Robot& robot, double h);
+  bool gives_loads(const Robot& robot) const;
+  void find_loads(double h);
+  bool find_body(std::size_t body);
+  void find_robot(Robot& robot, double h);
+  void write_loads(double h);
+  void add_correction(std::size_t body, const Pose& X_WL, const Twist& V_WL);
+  void add_correction(Robot& robot);
+  void carry_loads();
   void add_latch(int body, const Eigen::Vector3d& p_W, const Wrench& F);
   void add_contact(int body, const Eigen::Vector3d& p_W, const Eigen::Vector3d& f_W);
 
@@ -81,6 +91,7 @@ class ContactWorld final : public Unit {
   std::vector<std::unique_ptr<Robot>> robots_;
   std::vector<std::unique_ptr<Body>> bodies_;
   std::vector<LatchPort> latches_;
+  std::unique_ptr<Loads> loads_;
   std::unique_ptr<World> world_;
   std::vector<double> built_from_;  // the parameters that world_ was built from
 

@@ -16,24 +16,30 @@ constexpr double kLargestResolved = 0.3;
 /// added: the two units see different phases of the oscillation and would otherwise excite each other. The damping bounds free
 /// oscillations; in contact, a stiff undamped gear still makes the force alternate from step to step.
 void ContactWorld::drive(Robot& r, double h) {
-  if (std::any_of(r.K.begin(), r.K.end(), [](double K) { return K > 0; })) compute_mobility(r);
+  if (std::any_of(r.K.begin(), r.K.end(), [](double K) { return K > 0; })) compute_mobility(r, r.q);
+  const bool loaded = gives_loads(r);
   for (std::size_t i = 0; i < r.n; ++i) {
     const double other = r.mean_other(i, h);
     if (r.placed->model.joints[i].passive) {
       world_->set_tau(r.parts.joints[i], other);
       continue;
     }
-    const double damper = r.D[i] * (r.dtheta[i] - r.dq[i]);
-    const double swing = h * h * r.K[i] * r.mobility[i];  // (h ω)²
-    const double numerical = swing > kLargestResolved ? h / 2 * r.K[i] * (1 - kLargestResolved / swing) : 0;
+    const double damper = (loaded ? std::max(r.D[i], r.load_damping[i]) : r.D[i]) * (r.dtheta[i] - r.dq[i]);
     world_->set_inertia(r.parts.joints[i], r.B[i]);
     const double tau = r.tau_J[i] + r.B[i] * r.acceleration[i];  // (2b): motor and friction torque of the last step
-    world_->set_tau(r.parts.joints[i], tau + other - damper, r.K[i], std::max(r.D[i], numerical), r.dtheta[i]);
+    world_->set_tau(r.parts.joints[i], tau + other - damper, r.K[i], step_damping(r, i, h), r.dtheta[i]);
   }
 }
 
-void ContactWorld::compute_mobility(Robot& r) {
-  robot::mass_matrix(*r.mechanism, *r.data, r.vector(r.q), r.M);
+/// Damping of the gear in a step h, N.m.s/rad, with the mobility of the links.
+double ContactWorld::step_damping(const Robot& r, std::size_t i, double h) {
+  const double swing = h * h * r.K[i] * r.mobility[i];  // (h ω)²
+  const double numerical = swing > kLargestResolved ? h / 2 * r.K[i] * (1 - kLargestResolved / swing) : 0;
+  return std::max(r.D[i], numerical);
+}
+
+void ContactWorld::compute_mobility(Robot& r, const std::vector<double>& q) {
+  robot::mass_matrix(*r.mechanism, *r.data, r.vector(q), r.M);
   r.root.compute(r.M);
   r.inverse_root.setIdentity();
   r.root.matrixL().solveInPlace(r.inverse_root);

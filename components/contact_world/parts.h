@@ -25,10 +25,21 @@ struct ContactWorld::Robot {
         inertias(robot.model),
         X_WL(robot.model.bodies.size()),
         V_WL(robot.model.bodies.size()) {
-    for (std::vector<double>* v : {&q0, &dq0, &K, &D, &B, &q, &dq, &tau_J, &dtheta, &q_link, &dq_link, &ddq, &tau_e, &dq_before,
-                                   &tau_other, &tau_other_rate, &tau, &acceleration, &mobility}) {
+    for (std::vector<double>* v : {&q0,          &dq0,
+                                   &K,           &D,
+                                   &B,           &q,
+                                   &dq,          &tau_J,
+                                   &dtheta,      &q_link,
+                                   &dq_link,     &ddq,
+                                   &tau_e,       &dq_before,
+                                   &tau_other,   &tau_other_rate,
+                                   &tau,         &acceleration,
+                                   &mobility,    &damping,
+                                   &load_torque, &load_damping,
+                                   &q_before,    &tau_c}) {
       v->assign(n, 0.0);
     }
+    load_inertia.assign(n * n, 0.0);
     for (std::size_t i = 0; i < n; ++i) q0[i] = robot::default_start(robot.model.joints[i]);
     for (const std::vector<scene::Shape>& shapes : robot.shapes) {
       for (const scene::Shape& shape : shapes) {
@@ -69,13 +80,47 @@ struct ContactWorld::Robot {
   std::vector<double> tau_other, tau_other_rate;                                   // input with its rate
   std::vector<double> q_link, dq_link, ddq, tau_e, f_c{0, 0, 0}, base_p{0, 0, 0}, base_quat{1, 0, 0, 0};  // outputs
   std::vector<double> base_v{0, 0, 0}, base_w{0, 0, 0}, base_f_c{0, 0, 0}, base_m_c{0, 0, 0}, base_f{0, 0, 0}, base_m{0, 0, 0};
-  std::vector<double> dq_before;  // state
+  std::vector<double> load_inertia, load_torque, load_damping;  // outputs
+  std::vector<double> dq_before, q_before;                      // states
+  std::vector<double> tau_c;                                    // state: tau_e of contacts and latches
+  std::vector<double> damping;                                  // of the gears, in the last step
   std::vector<double> tau, acceleration;
   Eigen::MatrixXd M, inverse_root;
   Eigen::LLT<Eigen::MatrixXd> root;  // of M
   std::vector<double> mobility;      // diagonal of M⁻¹
+  bool held = false;                 // by a closed latch
+  Eigen::MatrixXd J, response;       // of the rows of latches: rows x n; with the gears within half a step, n x rows
   std::vector<Pose> X_WL;            // of all bodies
   std::vector<Twist> V_WL;
+};
+
+/// The closed latches as rows: the relative motion of the second frame against the first one along one direction, at p.
+struct ContactWorld::Loads {
+  explicit Loads(std::size_t latches) {
+    const std::size_t most = 6 * latches;
+    const auto size = static_cast<Eigen::Index>(most);
+    rows.reserve(most);
+    free.resize(size, size);
+    factor.resize(size, size);
+    body.resize(size, 6);
+    motion.setZero(size, 2);
+  }
+  struct Row {
+    int parent, child;        // bodies of the scene; −1: the world
+    Eigen::Vector3d d, m, p;  // in W; d or m is 0
+    double stiffness, error;  // N/m or N.m/rad, 0: rigid; m or rad
+    /// −1 for the first frame's body, 1 for the second one's, 0 for others.
+    double sign(std::size_t body) const { return (child == static_cast<int>(body)) - (parent == static_cast<int>(body)); }
+    double along(const Eigen::Vector3d& linear, const Eigen::Vector3d& angular) const { return d.dot(linear) + m.dot(angular); }
+  };
+
+  std::vector<Row> rows;
+  Eigen::MatrixXd free;    // mobility of the bodies that are no links, and softness
+  Eigen::MatrixXd factor;  // scratch
+  Eigen::MatrixXd body;    // that of one body is U Uᵀ with this U
+  Eigen::MatrixXd motion;  // speeds and displacements by which the drive trains have moved the frames otherwise than expected
+  double gain = 0;         // energy that this brings, J
+  std::size_t link = 0;    // one of those that moved
 };
 
 struct ContactWorld::Body {
@@ -83,7 +128,8 @@ struct ContactWorld::Body {
       : name(text::identifier(body.name)), motion(body.motion), foundation(place, name, body) {}
 
   std::string name, prefix;
-  std::size_t index;  // in the world
+  std::size_t index;     // in the world
+  bool jointed = false;  // a joint of the scene holds it
   scene::Motion motion;
   std::vector<double> p0{0, 0, 0}, quat0{1, 0, 0, 0}, v0{0, 0, 0}, w0{0, 0, 0};  // parameters
   std::vector<double> f{0, 0, 0}, m{0, 0, 0};                                    // inputs of a dynamic body

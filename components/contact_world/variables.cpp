@@ -80,6 +80,27 @@ void ContactWorld::declare_robot(Variables& v, Robot& r) {
         .range(0, 1e9);
   }
   joints.state(x + "dq_before", r.dq_before, "rad/s", "link_side=inside: dq at the start of the last step");
+  if (torque && !outside) {
+    joints.state(x + "q_before", r.q_before, "rad", "q at the start of the last step");
+    joints.state(x + "tau_c", r.tau_c, "N.m", "tau_e of contacts and latches, mean over the last step");
+  }
+  if (gives_loads(r)) {
+    joints
+        .output(x + "load_inertia", r.load_inertia, "kg.m2",
+                "inertia that the bodies held by latches add to M of (2a) within a step, n x n; the drive train's input")
+        .discrete()
+        .initially_from({});
+    joints
+        .output(x + "load_torque", r.load_torque, "N.m",
+                "load_inertia times ddq_link: tau_e of the drive train is without this")
+        .discrete()
+        .initially_from({});
+    joints
+        .output(x + "load_damping", r.load_damping, "N.m.s/rad",
+                "least damping of the gears while a latch holds the robot: their oscillation may be too fast for the step")
+        .discrete()
+        .initially_from({});
+  }
   v.output(x + "base_f_c", r.base_f_c, "N", "sum of the contact forces on the base, in W, mean over the step").discrete();
   v.output(x + "base_m_c", r.base_m_c, "N.m", "their moment about the base's origin, in W").discrete();
   if (!floating_) return;

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdio>
 #include <optional>
+#include <utility>
 
 #include "components/drive_train/events.h"
 #include "components/drive_train/floating_links.h"
@@ -139,6 +140,11 @@ DriveTrain::DriveTrain(Settings& settings, const Kind& kind)
                   &q_before_, &dq_before_, &ddq_, &tau_J_, &tau_f_}) {
     v->resize(n_);
   }
+  if (equations_.inside()) {
+    load_inertia_.resize(n_ * n_);
+    load_torque_.resize(n_);
+    load_damping_.resize(n_);
+  }
   with_terms_ = kind.terms;
   if (with_terms_) terms_ = TorqueTerms(n_);
   if (kind.cvode) {
@@ -167,7 +173,7 @@ DriveTrain::~DriveTrain() = default;
 
 void DriveTrain::check_inputs(Time now) const {
   const auto check = [&](const char* name, const std::vector<double>& v) {
-    for (std::size_t i = 0; i < n_; ++i) {
+    for (std::size_t i = 0; i < v.size(); ++i) {
       if (std::isfinite(v[i])) continue;
       throw Error(place_ + "." + name + "[" + std::to_string(i + 1) + "]",
                   "is " + text::to_text(v[i]) + " at " + text::to_text(now.seconds()) + " s, expected a finite value");
@@ -177,6 +183,9 @@ void DriveTrain::check_inputs(Time now) const {
   check("tau_m (rate)", dtau_m_);
   check("tau_e", tau_e_);
   check("tau_e (rate)", dtau_e_);
+  check("load_inertia", load_inertia_);
+  check("load_torque", load_torque_);
+  check("load_damping", load_damping_);
   check("q", q_in_);
   check("dq", dq_in_);
   if (equations_.floating()) equations_.floating()->check_inputs(place_, now.seconds());
@@ -230,6 +239,19 @@ bool DriveTrain::follow_bodies(double remaining) {
   if (equations_.floating()) equations_.floating()->set_velocity(x_.data(), x_.data() + n_);
   energy_bodies_ += energy_of_links() - before;
   return true;
+}
+
+/// The load of this step. Returns whether it or the one before changes the equations.
+bool DriveTrain::follow_load() {
+  bool damped = false;
+  for (std::size_t i = 0; i < load_damping_.size(); ++i) {
+    double& D = equations_.parameters().D[i];
+    const double before = std::exchange(D, std::max(wanted_.D[i], equations_.passive(i) ? 0 : load_damping_[i]));
+    damped = damped || D != before;
+  }
+  const bool was_loaded = equations_.loaded();
+  equations_.set_load(load_inertia_);
+  return damped || was_loaded || equations_.loaded();
 }
 
 /// Writes the tunables in force to the state `drives`.
@@ -322,7 +344,10 @@ void DriveTrain::update_course(double h) {
     c.dtau_m[i] = ramp ? (tau_m_[i] - tau_m_before_[i]) / h : dtau_m_[i];
     c.dtau_e[i] = ramp ? (tau_e_[i] - tau_e_before_[i]) / h : dtau_e_[i];
     if (equations_.passive(i)) c.tau_m[i] = c.dtau_m[i] = 0;
-    if (equations_.inside()) continue;
+    if (equations_.inside()) {
+      c.tau_e[i] += load_torque_[i];
+      continue;
+    }
     double *c0 = c.link.data() + i, *c1 = c0 + n_, *c2 = c1 + n_, *c3 = c2 + n_;
     *c0 = arc ? q_before_[i] : q_in_[i];
     *c1 = arc ? dq_before_[i] : dq_in_[i];
@@ -350,8 +375,9 @@ StepResult DriveTrain::step(Time now, Duration duration) {
   drives_before_step_ = drives_;
   const bool drives_change = follows && follow_drives(remaining);
   const bool bodies_change = with_bodies && follow_bodies(remaining);
-  if (drives_change || bodies_change) integrator_.forget();
-  if (bodies_change && uses_cvode()) cvode_->log().count = 0;  // restarts with these bodies
+  const bool load_changes = with_bodies && follow_load();
+  if (drives_change || bodies_change || load_changes) integrator_.forget();
+  if ((bodies_change || load_changes) && uses_cvode()) cvode_->log().count = 0;  // restarts with these bodies
   if (equations_.floating()) {
     equations_.begin_base(x_.data());
     integrator_.forget();
@@ -388,7 +414,7 @@ StepResult DriveTrain::step(Time now, Duration duration) {
     account.work_e += base->work() - work;
   }
   work_m_ += account.work_m;
-  work_e_ += account.work_e;
+  work_e_ += account.work_e - equations_.load_energy(x_.data() + n_) + equations_.load_energy(x_before_step_.data() + n_);
   dissipated_ += account.dissipated;
   work_0_ += equations_.work_of_constant_friction(x_before_step_.data(), x_.data());
   error_ = account.error;
@@ -446,7 +472,7 @@ void DriveTrain::write_outputs(double h, const Point& end) {
       tau_J_[i] = tau_m - tau_f_[i] - equations_.parameters().B[i] * ddq_[i];  // (2b) with θ = q
     }
     power_m_ += tau_m * dtheta[i];
-    power_e_ += equations_.inside() ? (c.tau_e[i] + c.dtau_e[i] * h) * dq[i] : -tau_J_[i] * dq[i];
+    power_e_ += equations_.inside() ? (c.tau_e[i] + c.dtau_e[i] * h - load_torque_[i]) * dq[i] : -tau_J_[i] * dq[i];
   }
   if (equations_.floating()) power_e_ += equations_.floating()->power();
   if (with_terms_) equations_.torque_terms(x_.data(), end, ddq_.data(), terms_);
@@ -468,7 +494,7 @@ void DriveTrain::evaluate_partials(std::span<double> values) {
     std::copy(q_in_.begin(), q_in_.end(), x.begin());
     std::copy(dq_in_.begin(), dq_in_.end(), x.begin() + static_cast<std::ptrdiff_t>(n_));
   }
-  partials_.evaluate(equations_, tau_m_, tau_e_, values);
+  partials_.evaluate(equations_, tau_m_, tau_e_, load_torque_, values);
 }
 
 void DriveTrain::restored() {

@@ -91,7 +91,10 @@ Equations::Equations(const robot::RobotModel* robot, std::size_t n, LinkSide lin
       L_(n * n),
       scratch_(n * n) {
   for (auto* v : {&stop_damping_, &z_most_, &kappa_, &ratio_, &P_inverse_, &f_z_, &z_w_, &z_inverse_, &k_l_}) v->resize(n);
-  if (inside()) dynamics_ = std::make_unique<Dynamics>(*robot);
+  if (inside()) {
+    dynamics_ = std::make_unique<Dynamics>(*robot);
+    load_.resize(n * n);
+  }
   for (std::size_t i = 0; i < n_ && robot != nullptr; ++i) passive_[i] = robot->joints[i].passive;
   if (base == Base::kFloating) {
     floating_ = std::make_unique<FloatingLinks>(*robot);
@@ -141,6 +144,7 @@ void Equations::evaluate(const double* x, Point& p) {
   if (inside() && !flexible()) {
     for (std::size_t i = 0; i < n_; ++i) p.M[i * n_ + i] += parameters_.B[i];
   }
+  for (std::size_t k = 0; loaded_ && k < load_.size(); ++k) p.M[k] += load_[k];
   evaluate_joints(x, p);
 }
 
@@ -231,6 +235,21 @@ void Equations::inverse_dynamics(const double* x, const double* a, double* tau) 
   if (!flexible()) {
     for (std::size_t i = 0; i < n_; ++i) tau[i] += parameters_.B[i] * a[i];
   }
+  if (!loaded_) return;
+  for (std::size_t j = 0; j < n_; ++j) {
+    for (std::size_t i = 0; i < n_; ++i) tau[i] += load_[j * n_ + i] * a[j];
+  }
+}
+
+void Equations::set_load(std::span<const double> inertia) {
+  std::ranges::copy(inertia, load_.begin());
+  loaded_ = std::ranges::any_of(load_, [](double value) { return value != 0; });
+}
+
+double Equations::load_energy(const double* dq) const {
+  double energy = 0;
+  for (std::size_t k = 0; loaded_ && k < load_.size(); ++k) energy += 0.5 * dq[k / n_] * load_[k] * dq[k % n_];
+  return energy;
 }
 
 void Equations::inverse_dynamics_derivatives(const double* x, const double* a, double* by_q, double* by_dq) {
@@ -263,7 +282,9 @@ void Equations::torque_terms(const double* x, const Point& p, const double* ddq,
   } else {
     robot::gravity(dynamics_->mechanism, dynamics_->data, ConstMap(x, index(n_)), Map(terms.gravity.data(), index(n_)));
   }
+  times_M(load_.data(), ddq, scratch_.data());
   for (std::size_t i = 0; i < n_; ++i) {
+    terms.inertia[i] -= scratch_[i];
     if (!flexible()) terms.inertia[i] -= parameters_.B[i] * ddq[i];  // p.M has B on its diagonal
     terms.coriolis[i] = p.h[i] - terms.gravity[i];
     terms.link[i] = (flexible() ? p.tau_J[i] : -p.tau_f[i]) - p.force[i];
@@ -391,6 +412,7 @@ Energies Equations::energies(const double* x, const Point& p) {
   if (inside()) {
     times_M(p.M.data(), dq, scratch_.data());
     for (std::size_t i = 0; i < n_; ++i) e.kinetic += 0.5 * dq[i] * scratch_[i];
+    e.kinetic -= load_energy(dq);
     if (floating_) {
       e.kinetic += floating_->kinetic_energy(q);
       e.potential = floating_->potential_energy();

@@ -126,6 +126,14 @@ class Equations {
   bool follow_bodies(const std::string& place, double remaining);
   void restored_bodies();
 
+  /// Inertia that bodies outside of this unit add to M (n x n, symmetric, by columns), within a step; link inside. Theirs are not among
+  /// the energies and torque terms.
+  std::span<const double> load() const { return load_; }
+  bool loaded() const { return loaded_; }
+  void set_load(std::span<const double> inertia);
+  /// ½ q̇ᵀ L q̇ of the load's inertia L, J.
+  double load_energy(const double* dq) const;
+
   /// The base of base=floating, else null. begin_base() and end_base() are to be called before and after the solver's step.
   FloatingLinks* floating() const { return floating_.get(); }
   void begin_base(const double* x);
@@ -189,7 +197,7 @@ class Equations {
   void factorise(const Point& p, double gamma);
   /// Solves W k = b with the last factors; the speeds' rows of b are given as M b and B b. k may be b.
   void solve(const double* b, double* k) const;
-  /// y = M x (n) for a Point's M.
+  /// y = M x (n) for a Point's M, or load().
   void times_M(const double* M, const double* x, double* y) const;
   /// Power lost in friction, damping and stops, W, without constant friction: not negative for friction that opposes the
   /// motion.
@@ -226,6 +234,8 @@ class Equations {
 
   struct Dynamics;  // Mechanism and Data
   std::unique_ptr<Dynamics> dynamics_;
+  std::vector<double> load_;
+  bool loaded_ = false;
   std::unique_ptr<FloatingLinks> floating_;
   std::unique_ptr<Point> base_point_;  // scratch of begin_base
 

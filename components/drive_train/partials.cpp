@@ -22,12 +22,12 @@ Partials::Partials(const Equations& e) : n_(e.n()), x_(e.size()), point_(n_), dd
     for (const char* state : {"q", "dq"}) add(state, {state}, true);
     if (e.flexible()) {
       for (const char* state : {"theta", "dtheta"}) add(state, {state}, true);
-      add("ddq", {"tau_e", "q", "dq", "theta", "dtheta"}, false);
+      add("ddq", {"tau_e", "load_torque", "q", "dq", "theta", "dtheta"}, false);
     } else {
       add("theta", {"q"}, true);
       add("dtheta", {"dq"}, true);
-      add("ddq", {"tau_m", "tau_e", "q", "dq", "z"}, false);
-      add("tau_J", {"tau_m", "tau_e", "q", "dq", "z"}, false);
+      add("ddq", {"tau_m", "tau_e", "load_torque", "q", "dq", "z"}, false);
+      add("tau_J", {"tau_m", "tau_e", "load_torque", "q", "dq", "z"}, false);
       add("tau_f", {"dq", "z"}, true);
     }
   } else {
@@ -73,7 +73,8 @@ Partials::Block Partials::block(std::span<double> values, std::string_view unkno
   return {};
 }
 
-void Partials::evaluate(Equations& e, std::span<const double> tau_m, std::span<const double> tau_e, std::span<double> values) {
+void Partials::evaluate(Equations& e, std::span<const double> tau_m, std::span<const double> tau_e,
+                        std::span<const double> tau_load, std::span<double> values) {
   std::fill(values.begin(), values.end(), 0.0);
   e.evaluate(x_.data(), point_);
   for (const char* state : {"q", "dq", "theta", "dtheta"}) {
@@ -87,26 +88,26 @@ void Partials::evaluate(Equations& e, std::span<const double> tau_m, std::span<c
       dtheta.add(i, i, 1);
     }
   }
-  if (e.inside()) accelerations(e, tau_m, tau_e, values);
+  if (e.inside()) accelerations(e, tau_m, tau_e, tau_load, values);
   torques(e, values);
   energies(e, values);
   powers(e, tau_m, tau_e, values);
 }
 
 void Partials::accelerations(Equations& e, std::span<const double> tau_m, std::span<const double> tau_e,
-                             std::span<double> values) {
+                             std::span<const double> tau_load, std::span<double> values) {
   const Point& p = point_;
   factors_ = p.M;
   ldlt(factors_.data(), n_);
   for (std::size_t i = 0; i < n_; ++i) {
-    ddq_[i] = e.link_balance(p, i, tau_e[i], e.passive(i) ? 0 : tau_m[i], p.h[i]);  // (2a)
+    ddq_[i] = e.link_balance(p, i, tau_e[i] + tau_load[i], e.passive(i) ? 0 : tau_m[i], p.h[i]);  // (2a)
   }
   solve_ldlt(factors_.data(), n_, ddq_.data());
   e.inverse_dynamics_derivatives(x_.data(), ddq_.data(), by_q_.data(), by_dq_.data());
 
   if (e.has_load()) e.load_derivatives(x_.data(), p, load_by_q_.data(), scratch_.data());
   const Parameters& k = e.parameters();
-  const char* knowns[] = {"tau_e", "tau_m", "q", "dq", "theta", "dtheta", "z"};
+  const char* knowns[] = {"tau_e", "tau_m", "q", "dq", "theta", "dtheta", "z", "load_torque"};
   for (std::size_t c = 0; c < std::size(knowns); ++c) {
     const Block ddq = block(values, "ddq", knowns[c]), tau_J = block(values, "tau_J", knowns[c]);
     if (ddq.values == nullptr) continue;
@@ -136,8 +137,11 @@ void Partials::accelerations(Equations& e, std::span<const double> tau_m, std::s
         case 5:
           column_[j] = k.D[j];
           break;
-        default:
+        case 6:
           column_[j] = -p.f_z[j];
+          break;
+        default:
+          column_[j] = 1;
       }
       solve_ldlt(factors_.data(), n_, column_.data());
       for (std::size_t i = 0; i < n_; ++i) {
@@ -192,6 +196,7 @@ void Partials::energies(Equations& e, std::span<double> values) {
     e.energy_gradients(x_.data(), kinetic_by_q, potential_by_q);
     e.times_M(point_.M.data(), dq, column_.data());  // M of a rigid transmission has B inside
     for (std::size_t i = 0; i < n_; ++i) {
+      for (std::size_t j = 0; j < n_; ++j) column_[i] -= e.load()[j * n_ + i] * dq[j];
       potential.add(0, i, potential_by_q[i]);
       by_q.add(0, i, kinetic_by_q[i]);
       by_dq.add(0, i, column_[i]);

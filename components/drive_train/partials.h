@@ -23,7 +23,8 @@ class Partials {
   /// Set this to (q | q̇ | θ | θ̇ | z) before evaluate().
   std::vector<double>& state() { return x_; }
   /// Allocates nothing.
-  void evaluate(Equations& equations, std::span<const double> tau_m, std::span<const double> tau_e, std::span<double> values);
+  void evaluate(Equations& equations, std::span<const double> tau_m, std::span<const double> tau_e,
+                std::span<const double> tau_load, std::span<double> values);
 
  private:
   /// A block of `values`; add() does nothing for a block that is not listed.
@@ -35,7 +36,7 @@ class Partials {
     }
   };
   void accelerations(Equations& equations, std::span<const double> tau_m, std::span<const double> tau_e,
-                     std::span<double> values);
+                     std::span<const double> tau_load, std::span<double> values);
   void torques(const Equations& equations, std::span<double> values) const;
   void energies(Equations& equations, std::span<double> values);
   void powers(const Equations& equations, std::span<const double> tau_m, std::span<const double> tau_e,

@@ -254,6 +254,10 @@ std::string World::fault(double gap_limit, double energy_limit) const {
          text::to_text(limit, 4) + " J (energy_limit): " + advice;
 }
 
+void World::add_gain(std::size_t body, double joules) {
+  if (Account* one = impl_->account(static_cast<int>(body))) one->add_gain(joules, one->had() + one->small);
+}
+
 World::Gain World::gain() const {
   Gain gain;
   const Impl& w = *impl_;

@@ -155,6 +155,8 @@ void World::set_twist(std::size_t body, const Twist& V_WB) {
   if (w.bodies[body].dynamic()) w.guard.moved = true;
 }
 
+const RigidBody& World::body(std::size_t body) const { return impl_->bodies[body]; }
+
 void World::set_body(std::size_t body, const Inertia& inertia) {
   Impl& w = *impl_;
   scene::Body& seen = w.scene.bodies[body];

@@ -74,6 +74,7 @@ class World {
   std::span<const Twist> twists() const;  // V_WB of the frame's origin, expressed in W
   void set_pose(std::size_t body, const Pose& X_WB);
   void set_twist(std::size_t body, const Twist& V_WB);
+  const RigidBody& body(std::size_t body) const;
   /// Replaces the mass distribution of a dynamic body, given in its own frame. Its pose and twist stay, so that its energy and
   /// momentum change. Not part of the state: a world is restored with the bodies that it was saved with. Throws Error for an
   /// unphysical inertia. Allocates nothing.
@@ -133,6 +134,8 @@ class World {
     double share = 0;      // of the most energy that they had: kinetic, of springs, and potential above their lowest place
   };
   Gain gain() const;
+  /// Adds energy that the body's surroundings have got without work, J; negative: that they have lost.
+  void add_gain(std::size_t body, double joules);
 
   /// Saves and restores the whole state: poses, twists, warm start. A restored world steps to the same bits. Only the first
   /// `Options::contacts` points have a warm start, with and without restoring.

@@ -128,6 +128,29 @@ bool elements_differ(const void* from, const void* to, std::uint32_t count) {
 /// Compares bits: a NaN that stays is no change.
 bool same_bits(double a, double b) { return std::bit_cast<std::uint64_t>(a) == std::bit_cast<std::uint64_t>(b); }
 
+/// Where a contact world gives a drive train tau_e, the connections of what its latches hold, which belong to it.
+void add_loads(std::vector<ConnectionSpec>& all, std::span<const Member> members) {
+  const auto has = [&](const Port& port, Role role) {
+    const auto member = std::ranges::find_if(members, [&](const Member& m) { return m.name() == port.component; });
+    const Variable* v = member == members.end() ? nullptr : member->variables().find(port.variable);
+    return v != nullptr && v->role == role;
+  };
+  constexpr std::string_view kTorque = "tau_e";
+  for (std::size_t i = 0, given = all.size(); i < given; ++i) {
+    if (all[i].factor != 1 || !all[i].from.variable.ends_with(kTorque) || !all[i].to.variable.ends_with(kTorque)) continue;
+    for (const char* name : {"load_inertia", "load_torque", "load_damping"}) {
+      ConnectionSpec one = all[i];
+      for (Port* port : {&one.from, &one.to})
+        port->variable.replace(port->variable.size() - kTorque.size(), kTorque.size(), name);
+      const bool is_fed =
+          std::any_of(all.begin(), all.begin() + static_cast<std::ptrdiff_t>(given), [&](const ConnectionSpec& c) {
+            return c.to.component == one.to.component && c.to.variable.starts_with(one.to.variable);
+          });
+      if (!is_fed && has(one.from, Role::kOutput) && has(one.to, Role::kInput)) all.push_back(one);
+    }
+  }
+}
+
 using Fed = std::map<std::pair<const Variable*, std::size_t>, std::size_t>;  // element → index of the link that feeds it
 
 /// A value that the user gives for this run would be overwritten by a connection before the first step.
@@ -150,11 +173,13 @@ void check_given(const Member& member, const Fed& fed, std::span<const ResolvedC
 std::vector<ResolvedConnection> resolve_connections(const Scenario& scenario, std::span<const Member> members,
                                                     const ReportConnectionError& report) {
   Resolver resolver(scenario, members);
+  std::vector<ConnectionSpec> connections = scenario.connections;
+  add_loads(connections, members);
   std::vector<ResolvedConnection> links;
-  links.reserve(scenario.connections.size());
+  links.reserve(connections.size());
   std::vector<const ConnectionSpec*> specs;  // of the links
   Fed fed;
-  for (const ConnectionSpec& connection : scenario.connections) {
+  for (const ConnectionSpec& connection : connections) {
     try {
       ResolvedConnection link = resolver.resolve(connection);
       const Signal& to = link.to;

@@ -63,18 +63,22 @@ void Account::end_step(const Together& all, bool counts) {
     gain -= explained;
   }
   if (counts) net += more;
-  if (counts && gain > 0) {
-    excess += gain;
-    share += gain / (all.had + kSmallShare * all.small);
-  } else if (counts && excess > 0) {
-    const double left = std::max(0.0, excess + gain);
-    share *= left / excess;
-    excess = left;
-  }
+  if (counts) add_gain(gain, all.had + kSmallShare * all.small);
   energy = total();
   potential = height;
   highest = std::max(highest, energy - excess);
   lowest = std::min(lowest, potential);
+}
+
+void Account::add_gain(double joules, double there) {
+  if (joules > 0) {
+    excess += joules;
+    share += joules / there;
+  } else if (excess > 0) {
+    const double left = std::max(0.0, excess + joules);
+    share *= left / excess;
+    excess = left;
+  }
 }
 
 }  // namespace cotwin::contact_world

@@ -44,6 +44,8 @@ struct Account {
   void add_lifts(Together& all) const;
   void judge(Together& all);
   void end_step(const Together& all, bool counts);
+  /// Adds to what was gained without work, relative to the energy that was there, J.
+  void add_gain(double joules, double there);
 
   // Now, J
   double motion = 0, elastic = 0;  // kinetic and of springs; of it, that of soft contacts
