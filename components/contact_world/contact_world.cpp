@@ -448,6 +448,10 @@ void ContactWorld::write_outputs(double now, double h) {
     contact_bodies_[2 * i] = point.body_a + 1;
     contact_bodies_[2 * i + 1] = point.body_b + 1;
   }
+  for (const auto& r : robots_) {
+    for (std::size_t i = 0; i < r->n; ++i) r->tau_c[i] = r->tau_e[i] - r->mean_other(i, h);
+    std::ranges::fill(r->tau_l, 0.0);
+  }
   for (std::size_t i = 0; i < latches_.size(); ++i) {
     const Latch& latch = world_->latches()[i];
     latches_[i].write(latch, now, h);
@@ -456,7 +460,7 @@ void ContactWorld::write_outputs(double now, double h) {
     add_latch(latch.joint.parent, latch.joint.p_child, -latches_[i].wrench());
   }
   for (const auto& r : robots_) {
-    for (std::size_t i = 0; i < r->n; ++i) r->tau_c[i] = r->tau_e[i] - r->mean_other(i, h);
+    for (std::size_t i = 0; i < r->n; ++i) r->tau_e[i] += r->tau_l[i];
   }
   write_loads(h);
   const Status& status = world_->status();

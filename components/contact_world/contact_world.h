@@ -67,11 +67,13 @@ class ContactWorld final : public Unit {
   void apply_last_torque(Robot& robot);
   void drive(Robot& robot, double h);
   void compute_mobility(Robot& robot, const std::vector<double>& q);
-  static double step_damping(const Robot& robot, std::size_t joint, double h);
+  static double step_damping(const Robot& robot, std::size_t joint, double h, double resolved);
   void write_outputs(double now, double h);
   void write_robot(Robot& robot, double h);
   bool gives_loads(const Robot& robot) const;
   void find_loads(double h);
+  bool free_loads() const;
+  double energy_of_loads();
   bool find_body(std::size_t body);
   void find_robot(Robot& robot, double h);
   void write_loads(double h);
@@ -103,6 +105,7 @@ class ContactWorld final : public Unit {
   std::vector<double> state_;                                // of the world
   std::vector<std::string> beyond_limits_;                   // notes on joints that start there
   double h_before_ = 0;                                      // state
+  std::vector<double> load_gain_{0, 0};                      // state: whether the energy that held bodies got is known; J
   std::vector<double> contact_p_, contact_f_, contact_gap_;  // outputs
   std::vector<std::int32_t> contact_bodies_;
   std::int32_t contacts_ = 0, used_iterations_ = 0, grown_ = 0, degenerate_ = 0, extended_ = 0, unsolved_ = 0;

@@ -27,14 +27,14 @@ void ContactWorld::drive(Robot& r, double h) {
     const double damper = (loaded ? std::max(r.D[i], r.load_damping[i]) : r.D[i]) * (r.dtheta[i] - r.dq[i]);
     world_->set_inertia(r.parts.joints[i], r.B[i]);
     const double tau = r.tau_J[i] + r.B[i] * r.acceleration[i];  // (2b): motor and friction torque of the last step
-    world_->set_tau(r.parts.joints[i], tau + other - damper, r.K[i], step_damping(r, i, h), r.dtheta[i]);
+    world_->set_tau(r.parts.joints[i], tau + other - damper, r.K[i], step_damping(r, i, h, kLargestResolved), r.dtheta[i]);
   }
 }
 
-/// Damping of the gear in a step h, N.m.s/rad, with the mobility of the links.
-double ContactWorld::step_damping(const Robot& r, std::size_t i, double h) {
+/// Damping of the gear in a step h, N.m.s/rad, with the mobility of the links. `resolved`: (h ω)² up to which it is D.
+double ContactWorld::step_damping(const Robot& r, std::size_t i, double h, double resolved) {
   const double swing = h * h * r.K[i] * r.mobility[i];  // (h ω)²
-  const double numerical = swing > kLargestResolved ? h / 2 * r.K[i] * (1 - kLargestResolved / swing) : 0;
+  const double numerical = swing > resolved ? h / 2 * r.K[i] * (1 - resolved / swing) : 0;
   return std::max(r.D[i], numerical);
 }
 

@@ -151,7 +151,7 @@ void ContactWorld::add_latch(int body, const Eigen::Vector3d& p_W, const Wrench&
     Eigen::Map<Eigen::Vector3d>(r.base_f.data()) += f;
     Eigen::Map<Eigen::Vector3d>(r.base_m.data()) += (p_W - world_->poses()[r.parts.base].p).cross(f) + m;
     if (is_link)
-      scene::add_joint_torques(r.placed->model, r.X_WL, static_cast<int>(link - r.parts.bodies.begin()), p_W, F, r.tau_e);
+      scene::add_joint_torques(r.placed->model, r.X_WL, static_cast<int>(link - r.parts.bodies.begin()), p_W, F, r.tau_l);
   }
 }
 

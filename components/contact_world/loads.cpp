@@ -9,6 +9,7 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <utility>
 
 #include "components/contact_world/engine/body/body.h"
 #include "components/contact_world/parts.h"
@@ -20,7 +21,18 @@ namespace {
 /// Softness of rigid rows relative to their mobility, for those that others repeat or that hold to the ground.
 constexpr double kRegular = 1e-9;
 
+/// (h ω)² of gear and link up to which a step needs no damping with a load that yields, or that others hold as well.
+constexpr double kLargestResolvedLoad = 0.03;
+
 using Factor = Eigen::Ref<Eigen::MatrixXd>;
+
+Vector3d to_vector(const std::vector<double>& v) { return Vector3d(v.data()); }
+
+/// Of the implicit midpoint rule, speed per impulse.
+template <class Row>
+double softness(const Row& row, double h) {
+  return row.stiffness > 0 ? 4 / (row.stiffness * h * h) : 0;
+}
 
 /// L of C + kRegular diag(C) = L Lᵀ in the lower triangle of C.
 void factorise(Factor C) {
@@ -40,23 +52,16 @@ void ContactWorld::find_loads(double h) {
   Loads& all = *loads_;
   all.rows.clear();
   if (actuation_ == Actuation::kPrescribed || h == 0) return;
-  for (const Latch& latch : world_->latches()) {
-    if (!latch.closed) continue;
-    const Motion6 error = latch.aim(Stage::kPosition, h).error;
-    for (int k = 0; k < 3; ++k) {
-      const Vector3d axis = latch.joint.R_parent.col(k), zero = Vector3d::Zero(), &p = latch.joint.p_child;
-      all.rows.push_back({latch.joint.parent, latch.joint.child, axis, zero, p, latch.law.stiffness, axis.dot(error.linear)});
-      all.rows.push_back(
-          {latch.joint.parent, latch.joint.child, zero, axis, p, latch.law.turn_stiffness, axis.dot(error.angular)});
+  for (std::size_t l = 0; l < latches_.size(); ++l) {
+    for (int k = 0; k < 6 && world_->latches()[l].closed; ++k) {
+      all.rows.push_back({.latch = l, .axis = k % 3, .turns = k > 2});
+      all.rows.back().read(world_->latches()[l], h);
     }
   }
   const Eigen::Index rows = std::ssize(all.rows);
   auto free = all.free.topLeftCorner(rows, rows);
   free.setZero();
-  for (Eigen::Index i = 0; i < rows; ++i) {
-    const double k = all.rows[static_cast<std::size_t>(i)].stiffness;
-    if (k > 0) free(i, i) = 4 / (k * h * h);
-  }
+  for (Eigen::Index i = 0; i < rows; ++i) free(i, i) = softness(all.rows[static_cast<std::size_t>(i)], h);
   for (const auto& body : bodies_) {
     if (find_body(body->index)) free.noalias() += all.body.topRows(rows) * all.body.topRows(rows).transpose();
   }
@@ -102,7 +107,7 @@ void ContactWorld::find_robot(Robot& r, double h) {
   for (Eigen::Index i = 0; i < n; ++i) {
     const auto k = static_cast<std::size_t>(i);
     if (r.placed->model.joints[k].passive) continue;
-    r.damping[k] = step_damping(r, k, h);
+    r.damping[k] = step_damping(r, k, h, kLargestResolvedLoad);
     r.M(i, i) += r.B[k] + h / 2 * r.damping[k] + h * h / 4 * r.K[k];
   }
   r.root.compute(r.M);
@@ -110,10 +115,49 @@ void ContactWorld::find_robot(Robot& r, double h) {
   r.root.matrixL().solveInPlace(r.response.leftCols(rows));
 }
 
-/// At the end of a step: what the drive trains have to know of what their links carry.
+/// Whether latches hold only links that drive trains move, bodies without joints and the ground: their energy comes by nothing else than
+/// latches, contacts and inputs.
+bool ContactWorld::free_loads() const {
+  const auto is_free = [&](int end) {
+    if (end < 0) return true;
+    const auto index = static_cast<std::size_t>(end);
+    if (index < bodies_.size()) return bodies_[index]->motion != scene::Motion::kDriven && !bodies_[index]->jointed;
+    return std::ranges::none_of(robots_, [&](const auto& r) {
+      return r->link == LinkSide::kOutside && std::ranges::find(r->parts.bodies, index) != r->parts.bodies.end();
+    });
+  };
+  return std::ranges::all_of(loads_->rows, [&](const Loads::Row& row) { return is_free(row.parent) && is_free(row.child); });
+}
+
+/// Kinetic and potential energy of the bodies that latches hold, and of the latches' springs, J.
+double ContactWorld::energy_of_loads() {
+  double energy = 0;
+  for (const Loads::Row& row : loads_->rows) {
+    if (world_->latches()[row.latch].closed) energy += row.stiffness * row.error * row.error / 2;
+  }
+  for (const auto& one : bodies_) {
+    const RigidBody& body = world_->body(one->index);
+    if (find_body(one->index)) energy += body.kinetic_energy() - body.mass * to_vector(gravity_).dot(body.p);
+  }
+  return energy;
+}
+
+/// At the end of a step: what the drive trains have to know of what their links carry, and the energy that it got.
 void ContactWorld::write_loads(double h) {
+  const std::size_t before = loads_->rows.size();
+  for (Loads::Row& row : loads_->rows) row.read(world_->latches()[row.latch], h);
+  load_gain_[1] = energy_of_loads() - loads_->energy;
+  for (const auto& one : bodies_) {
+    if (!find_body(one->index)) continue;
+    const Pose& X_WB = world_->poses()[one->index];
+    const Eigen::AngleAxisd turn(X_WB.R * one->X_start.R.transpose());
+    load_gain_[1] -= (to_vector(one->f) + to_vector(one->f_c)).dot(X_WB.p - one->X_start.p) +
+                     turn.angle() * turn.axis().dot(to_vector(one->m) + to_vector(one->m_c));
+  }
   find_loads(h);
+  load_gain_[0] = before > 0 && loads_->rows.size() <= before && free_loads();
   const Eigen::Index rows = std::ssize(loads_->rows);
+  const bool soft = std::ranges::any_of(loads_->rows, [](const Loads::Row& row) { return row.stiffness > 0; });
   auto factor = loads_->factor.topLeftCorner(rows, rows);
   for (const auto& robot : robots_) {
     Robot& r = *robot;
@@ -121,9 +165,11 @@ void ContactWorld::write_loads(double h) {
     for (std::vector<double>* v : {&r.load_inertia, &r.load_torque, &r.load_damping}) std::ranges::fill(*v, 0.0);
     if (rows == 0 || !r.held) continue;
     factor = loads_->free.topLeftCorner(rows, rows);
+    bool damps = soft;
     for (const auto& other : robots_) {
       if (other == robot || !other->held) continue;
       factor.noalias() += other->response.leftCols(rows).transpose() * other->response.leftCols(rows);
+      damps = true;
     }
     factorise(factor);
     auto J = r.J.topRows(rows);
@@ -132,7 +178,7 @@ void ContactWorld::write_loads(double h) {
     Eigen::Map<Eigen::MatrixXd> L(r.load_inertia.data(), n, n);
     L.noalias() = J.transpose() * J;
     Eigen::Map<Eigen::VectorXd>(r.load_torque.data(), n).noalias() = L * r.vector(r.ddq);
-    r.load_damping = r.damping;
+    if (damps) r.load_damping = r.damping;
   }
 }
 
@@ -155,28 +201,24 @@ void ContactWorld::add_correction(std::size_t body, const Pose& X_WL, const Twis
 
 /// Compares where the drive train has moved the links in the last step with where this unit expected them, before it takes them there.
 void ContactWorld::add_correction(Robot& r) {
-  Loads& all = *loads_;
-  double gain = 0;
+  double given = 0;
   for (std::size_t i = 0; i < r.n; ++i) {
-    const double moved = r.q[i] - r.q_before[i];
-    gain += r.tau_c[i] * (r.q[i] - r.q_link[i]) + r.load_torque[i] * moved;
+    given += r.tau_c[i] * (r.q[i] - r.q_link[i]) + (r.tau_l[i] + r.load_torque[i]) * (r.q[i] - r.q_before[i]);
     for (std::size_t j = 0; j < r.n; ++j)
-      gain -= (r.dq[i] * r.dq[j] - r.dq_before[i] * r.dq_before[j]) * r.load_inertia[i * r.n + j] / 2;
+      given -= (r.dq[i] * r.dq[j] - r.dq_before[i] * r.dq_before[j]) * r.load_inertia[i * r.n + j] / 2;
   }
   for (std::size_t l = 0; l < r.X_WL.size(); ++l) add_correction(r.parts.bodies[l], r.X_WL[l], r.V_WL[l]);
-  if (r.held) {
-    all.gain += gain;
-    all.link = r.parts.bodies.back();
-  } else {
-    world_->add_gain(r.parts.bodies.back(), gain);
-  }
+  if (!r.held) return world_->add_gain(r.parts.bodies.back(), given, false);
+  loads_->given += given;
+  loads_->link = static_cast<int>(r.parts.bodies.back());
 }
 
-/// Moves the bodies that latches hold along with links that the drive trains have moved otherwise than expected.
+/// At the start of a step: moves the bodies that latches hold along with links that the drive trains have moved otherwise than expected.
 void ContactWorld::carry_loads() {
   Loads& all = *loads_;
   const Eigen::Index rows = std::ssize(all.rows);
   if (rows == 0) return;
+  const double energy = energy_of_loads();
   auto factor = all.factor.topLeftCorner(rows, rows);
   auto motion = all.motion.topRows(rows);
   factor = all.free.topLeftCorner(rows, rows);
@@ -185,10 +227,8 @@ void ContactWorld::carry_loads() {
   L.solveInPlace(motion);
   L.transpose().solveInPlace(motion);  // now the impulses and their times, on the first bodies
   for (std::size_t i = 0; i < all.rows.size(); ++i) {
-    const Loads::Row& row = all.rows[i];
-    if (row.stiffness == 0) continue;
-    const double stretch = 4 / (row.stiffness * h_before_ * h_before_) * motion(static_cast<Eigen::Index>(i), 1);
-    all.gain += row.stiffness * stretch * (row.error + stretch / 2);
+    Loads::Row& row = all.rows[i];
+    if (row.stiffness > 0) row.error += softness(row, h_before_) * motion(static_cast<Eigen::Index>(i), 1);
   }
   for (const auto& one : bodies_) {
     if (one->jointed || !find_body(one->index)) continue;
@@ -197,21 +237,24 @@ void ContactWorld::carry_loads() {
     const auto turned = [&](int k) -> Vector3d {
       return body.R * body.inverse_root_moments.cwiseProduct(change.col(k).tail<3>());
     };
-    const Vector3d turn = turned(1), shift = body.inverse_root_mass * change.col(1).head<3>();
-    const Vector3d v = body.v + body.inverse_root_mass * change.col(0).head<3>(), w = body.w + turned(0), centre = body.p;
-    const double angle = turn.norm(), kinetic = body.kinetic_energy();
+    const Vector3d v = body.v + body.inverse_root_mass * change.col(0).head<3>(), w = body.w + turned(0), turn = turned(1);
+    const Vector3d centre = body.p + body.inverse_root_mass * change.col(1).head<3>();
+    const double angle = turn.norm();
     const Matrix3d R = angle > 0 ? Eigen::AngleAxisd(angle, turn / angle).toRotationMatrix() : Matrix3d(Matrix3d::Identity());
     const Pose X_WB = world_->poses()[one->index];
-    const Vector3d arm = R * (X_WB.p - centre);
+    const Vector3d arm = R * (X_WB.p - body.p);
     Twist V_WB;
     V_WB << v + w.cross(arm), w;
-    world_->set_pose(one->index, {R * X_WB.R, centre + shift + arm});
+    world_->set_pose(one->index, {R * X_WB.R, centre + arm});
     world_->set_twist(one->index, V_WB);
-    all.gain += body.kinetic_energy() - kinetic - body.mass * Eigen::Map<const Vector3d>(gravity_.data()).dot(shift);
   }
   motion.setZero();
-  if (all.gain != 0) world_->add_gain(all.link, all.gain);
-  all.gain = 0;
+  all.energy = energy_of_loads();
+  for (const auto& one : bodies_) one->X_start = world_->poses()[one->index];
+  const double given = std::exchange(all.given, 0);
+  const int link = std::exchange(all.link, -1);
+  if (load_gain_[0] != 0 && link >= 0)
+    world_->add_gain(static_cast<std::size_t>(link), given + load_gain_[1] + all.energy - energy, true);
 }
 
 }  // namespace cotwin::contact_world

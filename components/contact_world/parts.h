@@ -36,7 +36,8 @@ struct ContactWorld::Robot {
                                    &tau,         &acceleration,
                                    &mobility,    &damping,
                                    &load_torque, &load_damping,
-                                   &q_before,    &tau_c}) {
+                                   &q_before,    &tau_c,
+                                   &tau_l}) {
       v->assign(n, 0.0);
     }
     load_inertia.assign(n * n, 0.0);
@@ -82,7 +83,7 @@ struct ContactWorld::Robot {
   std::vector<double> base_v{0, 0, 0}, base_w{0, 0, 0}, base_f_c{0, 0, 0}, base_m_c{0, 0, 0}, base_f{0, 0, 0}, base_m{0, 0, 0};
   std::vector<double> load_inertia, load_torque, load_damping;  // outputs
   std::vector<double> dq_before, q_before;                      // states
-  std::vector<double> tau_c;                                    // state: tau_e of contacts and latches
+  std::vector<double> tau_c, tau_l;                             // states: tau_e of contacts, of latches
   std::vector<double> damping;                                  // of the gears, in the last step
   std::vector<double> tau, acceleration;
   Eigen::MatrixXd M, inverse_root;
@@ -106,9 +107,22 @@ struct ContactWorld::Loads {
     motion.setZero(size, 2);
   }
   struct Row {
-    int parent, child;        // bodies of the scene; −1: the world
-    Eigen::Vector3d d, m, p;  // in W; d or m is 0
-    double stiffness, error;  // N/m or N.m/rad, 0: rigid; m or rad
+    /// Reads the latch after a step h.
+    void read(const Latch& of, double h) {
+      parent = of.joint.parent;
+      child = of.joint.child;
+      p = of.joint.p_child;
+      (turns ? m : d) = of.joint.R_parent.col(axis);
+      stiffness = turns ? of.law.turn_stiffness : of.law.stiffness;
+      const Motion6 errors = of.aim(Stage::kPosition, h).error;
+      error = (turns ? m : d).dot(turns ? errors.angular : errors.linear);
+    }
+    std::size_t latch = 0;
+    int axis = 0;
+    bool turns = false;
+    int parent = -1, child = -1;                                // bodies of the scene; −1: the world
+    Eigen::Vector3d d = Eigen::Vector3d::Zero(), m = d, p = d;  // in W; d or m is 0
+    double stiffness = 0, error = 0;                            // N/m or N.m/rad, 0: rigid; m or rad
     /// −1 for the first frame's body, 1 for the second one's, 0 for others.
     double sign(std::size_t body) const { return (child == static_cast<int>(body)) - (parent == static_cast<int>(body)); }
     double along(const Eigen::Vector3d& linear, const Eigen::Vector3d& angular) const { return d.dot(linear) + m.dot(angular); }
@@ -119,8 +133,9 @@ struct ContactWorld::Loads {
   Eigen::MatrixXd factor;  // scratch
   Eigen::MatrixXd body;    // that of one body is U Uᵀ with this U
   Eigen::MatrixXd motion;  // speeds and displacements by which the drive trains have moved the frames otherwise than expected
-  double gain = 0;         // energy that this brings, J
-  std::size_t link = 0;    // one of those that moved
+  double energy = 0;       // of the held bodies and the springs at the start of a step, J
+  double given = 0;        // that latches have given to drive trains, and contacts without losing it themselves, J
+  int link = -1;           // of one of these
 };
 
 struct ContactWorld::Body {
@@ -130,6 +145,7 @@ struct ContactWorld::Body {
   std::string name, prefix;
   std::size_t index;     // in the world
   bool jointed = false;  // a joint of the scene holds it
+  Pose X_start;          // where a step began with it
   scene::Motion motion;
   std::vector<double> p0{0, 0, 0}, quat0{1, 0, 0, 0}, v0{0, 0, 0}, w0{0, 0, 0};  // parameters
   std::vector<double> f{0, 0, 0}, m{0, 0, 0};                                    // inputs of a dynamic body

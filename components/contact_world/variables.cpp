@@ -82,7 +82,8 @@ void ContactWorld::declare_robot(Variables& v, Robot& r) {
   joints.state(x + "dq_before", r.dq_before, "rad/s", "link_side=inside: dq at the start of the last step");
   if (torque && !outside) {
     joints.state(x + "q_before", r.q_before, "rad", "q at the start of the last step");
-    joints.state(x + "tau_c", r.tau_c, "N.m", "tau_e of contacts and latches, mean over the last step");
+    joints.state(x + "tau_c", r.tau_c, "N.m", "tau_e of contacts, mean over the last step");
+    joints.state(x + "tau_l", r.tau_l, "N.m", "tau_e of latches, mean over the last step");
   }
   if (gives_loads(r)) {
     joints
@@ -206,6 +207,8 @@ void ContactWorld::declare(Variables& v) {
   }
   v.state("largest_swing", largest_swing_, "1", "largest contact_swing since the start");
   for (LatchPort& latch : latches_) latch.declare(v);
+  if (!latches_.empty())
+    v.state("load_gain", load_gain_, "1", "whether the energy that held bodies got in the last step is known; J");
   if (actuation_ == Actuation::kPrescribed) return;
   for (const auto& robot : robots_) {
     const JointMeasures measures(&robot->placed->model);

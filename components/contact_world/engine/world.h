@@ -134,8 +134,9 @@ class World {
     double share = 0;      // of the most energy that they had: kinetic, of springs, and potential above their lowest place
   };
   Gain gain() const;
-  /// Adds energy that the body's surroundings have got without work, J; negative: that they have lost.
-  void add_gain(std::size_t body, double joules);
+  /// Adds energy that was gained without work outside of this world to that of a body, J; negative: it was lost. `instead`: of that which the
+  /// next step finds, because others decide where this body goes.
+  void add_gain(std::size_t body, double joules, bool instead);
 
   /// Saves and restores the whole state: poses, twists, warm start. A restored world steps to the same bits. Only the first
   /// `Options::contacts` points have a warm start, with and without restoring.
