@@ -352,6 +352,7 @@ StepResult ContactWorld::step(Time now, Duration duration) {
     }
   }
   for (std::size_t i = 0; i < latches_.size(); ++i) latches_[i].follow(place_, *world_, i, now.seconds());
+  begin_loads();
   world_->step(h);
   h_before_ = h;
   write_outputs((now + duration).seconds(), h);

@@ -80,6 +80,7 @@ class ContactWorld final : public Unit {
   void add_correction(std::size_t body, const Pose& X_WL, const Twist& V_WL);
   void add_correction(Robot& robot);
   void carry_loads();
+  void begin_loads();
   void add_latch(int body, const Eigen::Vector3d& p_W, const Wrench& F);
   void add_contact(int body, const Eigen::Vector3d& p_W, const Eigen::Vector3d& f_W);
 

@@ -9,6 +9,7 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <cmath>
 #include <utility>
 
 #include "components/contact_world/engine/body/body.h"
@@ -132,8 +133,12 @@ bool ContactWorld::free_loads() const {
 /// Kinetic and potential energy of the bodies that latches hold, and of the latches' springs, J.
 double ContactWorld::energy_of_loads() {
   double energy = 0;
-  for (const Loads::Row& row : loads_->rows) {
-    if (world_->latches()[row.latch].closed) energy += row.stiffness * row.error * row.error / 2;
+  for (std::size_t i = 0; i < loads_->rows.size(); i += 3) {
+    const Loads::Row* row = &loads_->rows[i];
+    if (!world_->latches()[row->latch].closed) continue;
+    const double squared = row[0].error * row[0].error + row[1].error * row[1].error + row[2].error * row[2].error;
+    // The moment of a turned latch is k sin φ.
+    energy += row->stiffness * squared / (1 + (row->turns ? std::sqrt(std::max(0.0, 1 - squared)) : 1));
   }
   for (const auto& one : bodies_) {
     const RigidBody& body = world_->body(one->index);
@@ -255,6 +260,15 @@ void ContactWorld::carry_loads() {
   const int link = std::exchange(all.link, -1);
   if (load_gain_[0] != 0 && link >= 0)
     world_->add_gain(static_cast<std::size_t>(link), given + load_gain_[1] + all.energy - energy, true);
+}
+
+/// A latch that has just closed makes bodies and links lose speed against one another, in this unit and, by the torques, in the drive trains.
+void ContactWorld::begin_loads() {
+  const auto closed = std::ranges::count_if(world_->latches(), [](const Latch& latch) { return latch.closed; });
+  for (const auto& r : robots_) {
+    if (6 * static_cast<std::size_t>(closed) > loads_->rows.size() && gives_loads(*r))
+      world_->add_gain(r->parts.bodies.back(), 0, true);
+  }
 }
 
 }  // namespace cotwin::contact_world
