@@ -1,7 +1,8 @@
-// The torques that drive the links of the robots within a step.
+// Where drive trains have moved the links of the robots, and the torques that drive them within a step.
 #include <algorithm>
 
 #include "components/contact_world/parts.h"
+#include "models/scene/robot_links.h"
 
 namespace cotwin::contact_world {
 namespace {
@@ -10,6 +11,50 @@ namespace {
 constexpr double kLargestResolved = 0.3;
 
 }  // namespace
+
+/// Sets the links to the drive train's q, q̇ at the start of the step. The world then predicts their motion by (1) under τ_J and
+/// the contacts, and the mean contact torque is the τ_e of the same step of the drive train. The prediction makes stiff
+/// contacts stable. The next step starts from the drive train's result, not from the prediction.
+void ContactWorld::set_links(Robot& r, double h) {
+  if (floating_) r.X_WB = pose_of_input(place_, r.prefix, "base_quat", r.base_p, r.base_quat);
+  scene::place_links(r.placed->model, r.X_WB, r.q, r.dq, r.X_WL, r.V_WL);
+  const bool corrects = actuation_ == Actuation::kTorque && h_before_ > 0;
+  if (floating_) {
+    const Eigen::Vector3d v = vector3(r.base_v), w = vector3(r.base_w);
+    Twist V_WB;
+    V_WB << v, w;
+    if (corrects) add_correction(r.parts.base, r.X_WB, V_WB);
+    world_->set_pose(r.parts.base, r.X_WB);
+    world_->set_twist(r.parts.base, V_WB);
+    for (std::size_t i = 0; i < r.X_WL.size(); ++i) {
+      r.V_WL[i].head<3>() += v + w.cross(r.X_WL[i].p - r.X_WB.p);
+      r.V_WL[i].tail<3>() += w;
+    }
+  }
+  if (corrects) add_correction(r);
+  for (std::size_t i = 0; i < r.X_WL.size(); ++i) {
+    world_->set_pose(r.parts.bodies[i], r.X_WL[i]);
+    world_->set_twist(r.parts.bodies[i], r.V_WL[i]);
+  }
+  for (std::size_t i = 0; i < r.n; ++i) r.acceleration[i] = h_before_ > 0 ? (r.dq[i] - r.dq_before[i]) / h_before_ : 0;
+  if (actuation_ == Actuation::kPrescribed) {
+    apply_last_torque(r);
+  } else {
+    drive(r, h);
+  }
+  r.dq_before = r.dq;
+  r.q_before = r.q;
+}
+
+/// actuation=prescribed: applies the torque that explains the last step by (2a), without the contacts.
+void ContactWorld::apply_last_torque(Robot& r) {
+  robot::inverse_dynamics(*r.mechanism, *r.data, r.vector(r.q), r.vector(r.dq), r.vector(r.acceleration),
+                          Eigen::Map<Eigen::VectorXd>(r.tau.data(), static_cast<Eigen::Index>(r.n)));
+  for (std::size_t i = 0; i < r.n; ++i) {
+    world_->set_inertia(r.parts.joints[i], 0);
+    world_->set_tau(r.parts.joints[i], r.tau[i] - r.tau_e[i]);
+  }
+}
 
 /// τ_J at the start of the step contains K (θ − q) + D (θ̇ − q̇); its change within the step follows the motion of the link.
 /// Where the step does not resolve the oscillation of link and gear, numerical damping like that of backward differences is

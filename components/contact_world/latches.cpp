@@ -116,12 +116,19 @@ void LatchPort::follow(const std::string& place, World& world, std::size_t latch
   closed_ = world.latches()[latch].closed;
 }
 
+void LatchPort::carry(const Motion6& impulse) {
+  carried_.linear += impulse.linear;
+  carried_.angular += impulse.angular;
+}
+
 void LatchPort::write(const Latch& latch, double end, double h) {
   if (closed_ && !latch.closed && h > 0 && broken_[0]++ == 0) broken_[1] = end;
   closed_ = latch.closed;
   const double rate = h > 0 ? 1 / h : 0;
-  Eigen::Map<Eigen::Vector3d>(f_.data()) = rate * latch.sum.linear;
-  Eigen::Map<Eigen::Vector3d>(m_.data()) = rate * latch.sum.angular;
+  wrench_ << rate * latch.sum.linear, rate * latch.sum.angular;
+  Eigen::Map<Eigen::Vector3d>(f_.data()) = rate * (latch.sum.linear + carried_.linear);
+  Eigen::Map<Eigen::Vector3d>(m_.data()) = rate * (latch.sum.angular + carried_.angular);
+  carried_ = {};
   Eigen::Map<Eigen::Vector3d>(p_.data()) = latch.joint.p_child;
   distance_ = latch.distance();
   angle_ = latch.angle();

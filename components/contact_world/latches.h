@@ -33,16 +33,20 @@ class LatchPort {
   /// Before a step at `now` (s): brings tunables into force, opens and closes. Allocates nothing. Throws Error for tunables that are not
   /// finite.
   void follow(const std::string& place, World& world, std::size_t latch, double now);
+  /// Adds an impulse and angular impulse of the last step, which the drive trains decided, to those of the next one.
+  void carry(const Motion6& impulse);
   void write(const Latch& latch, double end, double h);
   void append_notes(std::vector<std::string>& notes) const;
-  bool bears() const { return f_[0] != 0 || f_[1] != 0 || f_[2] != 0 || m_[0] != 0 || m_[1] != 0 || m_[2] != 0; }
-  Wrench wrench() const { return (Wrench() << f_[0], f_[1], f_[2], m_[0], m_[1], m_[2]).finished(); }  // on the second body
+  bool bears() const { return !wrench_.isZero(0); }
+  const Wrench& wrench() const { return wrench_; }  // on the second body
 
  private:
   std::string name_;
   End ends_[2];
   bool close_ = false, closed_ = false;
   std::vector<double> p_{0, 0, 0}, f_{0, 0, 0}, m_{0, 0, 0};
+  Wrench wrench_ = Wrench::Zero();
+  Motion6 carried_;
   double distance_ = 0, angle_ = 0;
   LatchLaw law_;                // tunables, with 0 for a force and a moment without bound
   bool closed_before_ = false;  // state

@@ -25,9 +25,10 @@ constexpr double kRegular = 1e-9;
 /// (h ω)² of gear and link up to which a step needs no damping with a load that yields, or that others hold as well.
 constexpr double kLargestResolvedLoad = 0.03;
 
-using Factor = Eigen::Ref<Eigen::MatrixXd>;
+/// Rounding of a pivot that is 0, relative to its diagonal.
+constexpr double kZero = 1e-14;
 
-Vector3d to_vector(const std::vector<double>& v) { return Vector3d(v.data()); }
+using Factor = Eigen::Ref<Eigen::MatrixXd>;
 
 /// Of the implicit midpoint rule, speed per impulse.
 template <class Row>
@@ -39,6 +40,17 @@ double softness(const Row& row, double h) {
 void factorise(Factor C) {
   for (Eigen::Index i = 0; i < C.rows(); ++i) C(i, i) = C(i, i) > 0 ? C(i, i) * (1 + kRegular) : 1;
   Eigen::LLT<Factor> in_place(C);
+}
+
+/// Replaces a positive semidefinite matrix by its Cholesky factor, with columns of zeros for directions in which it is 0.
+void semidefinite_root(Eigen::MatrixXd& A) {
+  for (Eigen::Index j = 0; j < A.cols(); ++j) {
+    const double all = A(j, j), left = all - A.row(j).head(j).squaredNorm();
+    const double root = left > kZero * all ? std::sqrt(left) : 0;
+    for (Eigen::Index i = j; i < A.rows(); ++i)
+      A(i, j) = root > 0 ? (A(i, j) - A.row(i).head(j).dot(A.row(j).head(j))) / root : 0;
+    A.col(j).head(j).setZero();
+  }
 }
 
 }  // namespace
@@ -142,7 +154,7 @@ double ContactWorld::energy_of_loads() {
   }
   for (const auto& one : bodies_) {
     const RigidBody& body = world_->body(one->index);
-    if (find_body(one->index)) energy += body.kinetic_energy() - body.mass * to_vector(gravity_).dot(body.p);
+    if (find_body(one->index)) energy += body.kinetic_energy() - body.mass * vector3(gravity_).dot(body.p);
   }
   return energy;
 }
@@ -156,8 +168,8 @@ void ContactWorld::write_loads(double h) {
     if (!find_body(one->index)) continue;
     const Pose& X_WB = world_->poses()[one->index];
     const Eigen::AngleAxisd turn(X_WB.R * one->X_start.R.transpose());
-    load_gain_[1] -= (to_vector(one->f) + to_vector(one->f_c)).dot(X_WB.p - one->X_start.p) +
-                     turn.angle() * turn.axis().dot(to_vector(one->m) + to_vector(one->m_c));
+    load_gain_[1] -= (vector3(one->f) + vector3(one->f_c)).dot(X_WB.p - one->X_start.p) +
+                     turn.angle() * turn.axis().dot(vector3(one->m) + vector3(one->m_c));
   }
   find_loads(h);
   load_gain_[0] = before > 0 && loads_->rows.size() <= before && free_loads();
@@ -167,7 +179,7 @@ void ContactWorld::write_loads(double h) {
   for (const auto& robot : robots_) {
     Robot& r = *robot;
     if (!gives_loads(r)) continue;
-    for (std::vector<double>* v : {&r.load_inertia, &r.load_torque, &r.load_damping}) std::ranges::fill(*v, 0.0);
+    for (std::vector<double>* v : {&r.load_factor, &r.load_torque, &r.load_damping}) std::ranges::fill(*v, 0.0);
     if (rows == 0 || !r.held) continue;
     factor = loads_->free.topLeftCorner(rows, rows);
     bool damps = soft;
@@ -180,9 +192,10 @@ void ContactWorld::write_loads(double h) {
     auto J = r.J.topRows(rows);
     factor.triangularView<Eigen::Lower>().solveInPlace(J);
     const auto n = static_cast<Eigen::Index>(r.n);
-    Eigen::Map<Eigen::MatrixXd> L(r.load_inertia.data(), n, n);
-    L.noalias() = J.transpose() * J;
-    Eigen::Map<Eigen::VectorXd>(r.load_torque.data(), n).noalias() = L * r.vector(r.ddq);
+    r.M.noalias() = J.transpose() * J;
+    Eigen::Map<Eigen::VectorXd>(r.load_torque.data(), n).noalias() = r.M * r.vector(r.ddq);
+    semidefinite_root(r.M);
+    Eigen::Map<Eigen::MatrixXd>(r.load_factor.data(), n, n) = r.M;  // its columns are the rows of F
     if (damps) r.load_damping = r.damping;
   }
 }
@@ -209,8 +222,12 @@ void ContactWorld::add_correction(Robot& r) {
   double given = 0;
   for (std::size_t i = 0; i < r.n; ++i) {
     given += r.tau_c[i] * (r.q[i] - r.q_link[i]) + (r.tau_l[i] + r.load_torque[i]) * (r.q[i] - r.q_before[i]);
-    for (std::size_t j = 0; j < r.n; ++j)
-      given -= (r.dq[i] * r.dq[j] - r.dq_before[i] * r.dq_before[j]) * r.load_inertia[i * r.n + j] / 2;
+    double now = 0, before = 0;
+    for (std::size_t j = 0; j < r.n; ++j) {
+      now += r.load_factor[i * r.n + j] * r.dq[j];
+      before += r.load_factor[i * r.n + j] * r.dq_before[j];
+    }
+    given -= (now * now - before * before) / 2;
   }
   for (std::size_t l = 0; l < r.X_WL.size(); ++l) add_correction(r.parts.bodies[l], r.X_WL[l], r.V_WL[l]);
   if (!r.held) return world_->add_gain(r.parts.bodies.back(), given, false);
@@ -234,6 +251,10 @@ void ContactWorld::carry_loads() {
   for (std::size_t i = 0; i < all.rows.size(); ++i) {
     Loads::Row& row = all.rows[i];
     if (row.stiffness > 0) row.error += softness(row, h_before_) * motion(static_cast<Eigen::Index>(i), 1);
+  }
+  for (std::size_t i = 0; i < all.rows.size(); ++i) {
+    const double impulse = -motion(static_cast<Eigen::Index>(i), 0);
+    latches_[all.rows[i].latch].carry({impulse * all.rows[i].d, impulse * all.rows[i].m});
   }
   for (const auto& one : bodies_) {
     if (one->jointed || !find_body(one->index)) continue;

@@ -17,6 +17,8 @@
 /// The robots and bodies of the unit, with their variables.
 namespace cotwin::contact_world {
 
+inline Eigen::Map<Eigen::Vector3d> vector3(std::vector<double>& v) { return Eigen::Map<Eigen::Vector3d>(v.data()); }
+
 struct ContactWorld::Robot {
   Robot(const scene::PlacedRobot& robot)
       : placed(&robot),
@@ -40,7 +42,7 @@ struct ContactWorld::Robot {
                                    &tau_l}) {
       v->assign(n, 0.0);
     }
-    load_inertia.assign(n * n, 0.0);
+    load_factor.assign(n * n, 0.0);
     for (std::size_t i = 0; i < n; ++i) q0[i] = robot::default_start(robot.model.joints[i]);
     for (const std::vector<scene::Shape>& shapes : robot.shapes) {
       for (const scene::Shape& shape : shapes) {
@@ -81,10 +83,10 @@ struct ContactWorld::Robot {
   std::vector<double> tau_other, tau_other_rate;                                   // input with its rate
   std::vector<double> q_link, dq_link, ddq, tau_e, f_c{0, 0, 0}, base_p{0, 0, 0}, base_quat{1, 0, 0, 0};  // outputs
   std::vector<double> base_v{0, 0, 0}, base_w{0, 0, 0}, base_f_c{0, 0, 0}, base_m_c{0, 0, 0}, base_f{0, 0, 0}, base_m{0, 0, 0};
-  std::vector<double> load_inertia, load_torque, load_damping;  // outputs
-  std::vector<double> dq_before, q_before;                      // states
-  std::vector<double> tau_c, tau_l;                             // states: tau_e of contacts, of latches
-  std::vector<double> damping;                                  // of the gears, in the last step
+  std::vector<double> load_factor, load_torque, load_damping;  // outputs
+  std::vector<double> dq_before, q_before;                     // states
+  std::vector<double> tau_c, tau_l;                            // states: tau_e of contacts, of latches
+  std::vector<double> damping;                                 // of the gears, in the last step
   std::vector<double> tau, acceleration;
   Eigen::MatrixXd M, inverse_root;
   Eigen::LLT<Eigen::MatrixXd> root;  // of M

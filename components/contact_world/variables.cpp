@@ -86,16 +86,12 @@ void ContactWorld::declare_robot(Variables& v, Robot& r) {
     joints.state(x + "tau_l", r.tau_l, "N.m", "tau_e of latches, mean over the last step");
   }
   if (gives_loads(r)) {
-    joints
-        .output(x + "load_inertia", r.load_inertia, "kg.m2",
-                "inertia that the bodies held by latches add to M of (2a) within a step, n x n; the drive train's input")
+    v.output(x + "load_factor", r.load_factor, "1",
+             "F, n x n by rows, of the inertia F^T F that the bodies held by latches add to M of (2a) within a step; for the "
+             "drive train")
         .discrete()
         .initially_from({});
-    joints
-        .output(x + "load_torque", r.load_torque, "N.m",
-                "load_inertia times ddq_link: tau_e of the drive train is without this")
-        .discrete()
-        .initially_from({});
+    joints.output(x + "load_torque", r.load_torque, "N.m", "F^T F times ddq_link").discrete().initially_from({});
     joints
         .output(x + "load_damping", r.load_damping, "N.m.s/rad",
                 "least damping of the gears while a latch holds the robot: their oscillation may be too fast for the step")

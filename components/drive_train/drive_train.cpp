@@ -4,7 +4,6 @@
 #include <cmath>
 #include <cstdio>
 #include <optional>
-#include <utility>
 
 #include "components/drive_train/events.h"
 #include "components/drive_train/floating_links.h"
@@ -141,7 +140,7 @@ DriveTrain::DriveTrain(Settings& settings, const Kind& kind)
     v->resize(n_);
   }
   if (equations_.inside()) {
-    load_inertia_.resize(n_ * n_);
+    load_factor_.resize(n_ * n_);
     load_torque_.resize(n_);
     load_damping_.resize(n_);
   }
@@ -183,7 +182,7 @@ void DriveTrain::check_inputs(Time now) const {
   check("tau_m (rate)", dtau_m_);
   check("tau_e", tau_e_);
   check("tau_e (rate)", dtau_e_);
-  check("load_inertia", load_inertia_);
+  check("load_factor", load_factor_);
   check("load_torque", load_torque_);
   check("load_damping", load_damping_);
   check("q", q_in_);
@@ -222,38 +221,6 @@ bool DriveTrain::follow_drives(double remaining) {
   return true;
 }
 
-double DriveTrain::energy_of_links() {
-  equations_.evaluate(x_.data(), at_start_);
-  const Energies e = equations_.energies(x_.data(), at_start_);
-  return e.kinetic + e.potential;
-}
-
-/// The same for the bodies, which take a changed tool at once: a tool moves with its link when it is mounted and when it is
-/// removed, so speeds stay and its energy and momentum come or go with it.
-bool DriveTrain::follow_bodies(double remaining) {
-  const bool at_once = tool_changes_ != tool_changes_seen_;
-  tool_changes_seen_ = tool_changes_;
-  if (!equations_.bodies().pending()) return false;
-  const double before = energy_of_links();
-  equations_.follow_bodies(place_, at_once ? 0 : remaining);
-  if (equations_.floating()) equations_.floating()->set_velocity(x_.data(), x_.data() + n_);
-  energy_bodies_ += energy_of_links() - before;
-  return true;
-}
-
-/// The load of this step. Returns whether it or the one before changes the equations.
-bool DriveTrain::follow_load() {
-  bool damped = false;
-  for (std::size_t i = 0; i < load_damping_.size(); ++i) {
-    double& D = equations_.parameters().D[i];
-    const double before = std::exchange(D, std::max(wanted_.D[i], equations_.passive(i) ? 0 : load_damping_[i]));
-    damped = damped || D != before;
-  }
-  const bool was_loaded = equations_.loaded();
-  equations_.set_load(load_inertia_);
-  return damped || was_loaded || equations_.loaded();
-}
-
 /// Writes the tunables in force to the state `drives`.
 void DriveTrain::write_drives() {
   for_each_tunable(n_, [this](auto values, std::ptrdiff_t offset) {
@@ -278,6 +245,7 @@ void DriveTrain::initialise(Time start) {
   if (equations_.inside()) {
     equations_.update_bodies(place_);
     bodies_before_step_ = equations_.bodies().in_force;
+    follow_load();
   }
   tool_changes_seen_ = tool_changes_;
   energy_bodies_ = 0;
@@ -500,7 +468,10 @@ void DriveTrain::evaluate_partials(std::span<double> values) {
 void DriveTrain::restored() {
   equations_.parameters() = wanted_;
   adopt_drives();
-  if (equations_.inside()) equations_.restored_bodies();
+  if (equations_.inside()) {
+    equations_.restored_bodies();
+    follow_load();
+  }
   integrator_.forget();
   warned_steps_ = -1;  // the text is written again
   if (!uses_cvode()) return;

@@ -30,7 +30,7 @@ namespace cotwin::drive_train {
 /// The bodies and the tunables of robot::kDriveParameters may be changed while the robot moves (with CVODE they are fixed). The values
 /// in force follow smoothly.
 ///
-/// Link inside, bodies that another unit connects with the links (the contact world's latches) may be part of (2a): with their inertia L,
+/// Link inside, bodies that another unit connects with the links (the contact world's latches) may be part of (2a): with their inertia L = Fᵀ F,
 /// the torque τ_L = L q̈ for the q̈ that this unit expects, and the damping that its step needs at the gears,
 ///   (M + L) q̈ + … = τ_J + τ_e + τ_L
 /// The difference from τ_e is L (q̈ − q̈ expected): light links then move stably with heavy bodies on them.
@@ -86,7 +86,7 @@ class DriveTrain final : public Unit {
   std::string sources_, assumed_;
 
   std::vector<double> tau_m_, dtau_m_, tau_e_, dtau_e_, q_in_, dq_in_;  // inputs
-  std::vector<double> load_inertia_, load_torque_, load_damping_;       // likewise
+  std::vector<double> load_factor_, load_torque_, load_damping_;        // likewise
   std::vector<double> tau_m_before_, tau_e_before_, q_before_, dq_before_;
   std::vector<double> x_, x_before_step_;  // (q | q̇ | θ | θ̇ | z)
   Modes modes_before_step_;

@@ -241,9 +241,15 @@ void Equations::inverse_dynamics(const double* x, const double* a, double* tau) 
   }
 }
 
-void Equations::set_load(std::span<const double> inertia) {
-  std::ranges::copy(inertia, load_.begin());
-  loaded_ = std::ranges::any_of(load_, [](double value) { return value != 0; });
+void Equations::set_load(std::span<const double> factor) {
+  const bool was_loaded = loaded_;
+  loaded_ = std::ranges::any_of(factor, [](double value) { return value != 0; });
+  if (!was_loaded && !loaded_) return;
+  const Eigen::Map<const Eigen::MatrixXd> transposed(factor.data(), index(n_), index(n_));
+  MatrixMap L(load_.data(), index(n_), index(n_));
+  L.setZero();
+  if (loaded_) L.selfadjointView<Eigen::Lower>().rankUpdate(transposed);
+  if (loaded_) L.triangularView<Eigen::StrictlyUpper>() = L.transpose();
 }
 
 double Equations::load_energy(const double* dq) const {

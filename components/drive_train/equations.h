@@ -130,7 +130,8 @@ class Equations {
   /// the energies and torque terms.
   std::span<const double> load() const { return load_; }
   bool loaded() const { return loaded_; }
-  void set_load(std::span<const double> inertia);
+  /// Sets it to Fᵀ F (F: n x n, by rows).
+  void set_load(std::span<const double> factor);
   /// ½ q̇ᵀ L q̇ of the load's inertia L, J.
   double load_energy(const double* dq) const;
 

@@ -92,12 +92,10 @@ void DriveTrain::declare(Variables& v) {
   if (equations_.inside()) {
     v.state("passed_at", limits_.passed_at, "s", "time at which each joint first passed its upper limit; -1e10: never");
     v.state("passed_below", limits_.passed_below, "s", "the same of its lower limit");
-    joints.input(
-        "load_inertia", load_inertia_, "kg.m2",
-        "inertia that held bodies add to M of (2a), n x n; the master connects it, load_torque and load_damping where a "
-        "contact world gives tau_e");
-    joints.input("load_torque", load_torque_, "N.m",
-                 "load_inertia times the joint acceleration that the contact world expects");
+    v.input("load_factor", load_factor_, "1",
+            "F, n x n by rows, of the inertia F^T F that held bodies add to M in (2a); the master connects it, load_torque and "
+            "load_damping where a contact world gives tau_e");
+    joints.input("load_torque", load_torque_, "N.m", "F^T F times the joint acceleration that the contact world expects");
     joints.input("load_damping", load_damping_, "N.m.s/rad", "least damping of the gear with these bodies");
   }
   v.parameter("sources", sources_, "where the values of the drives come from");

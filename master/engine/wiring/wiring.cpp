@@ -138,7 +138,7 @@ void add_loads(std::vector<ConnectionSpec>& all, std::span<const Member> members
   constexpr std::string_view kTorque = "tau_e";
   for (std::size_t i = 0, given = all.size(); i < given; ++i) {
     if (all[i].factor != 1 || !all[i].from.variable.ends_with(kTorque) || !all[i].to.variable.ends_with(kTorque)) continue;
-    for (const char* name : {"load_inertia", "load_torque", "load_damping"}) {
+    for (const char* name : {"load_factor", "load_torque", "load_damping"}) {
       ConnectionSpec one = all[i];
       for (Port* port : {&one.from, &one.to})
         port->variable.replace(port->variable.size() - kTorque.size(), kTorque.size(), name);
