@@ -22,8 +22,8 @@ namespace {
 /// Softness of rigid rows relative to their mobility, for those that others repeat or that hold to the ground.
 constexpr double kRegular = 1e-9;
 
-/// (h ω)² of gear and link up to which a step needs no damping with a load that yields, or that others hold as well.
-constexpr double kLargestResolvedLoad = 0.03;
+/// (h ω)² of gear and link up to which a step needs no damping, with a soft latch and with rigid ones only.
+constexpr double kResolvedWithSoft = 0.03, kResolvedWithRigid = 0.3;
 
 /// Rounding of a pivot that is 0, relative to its diagonal.
 constexpr double kZero = 1e-14;
@@ -116,11 +116,12 @@ void ContactWorld::find_robot(Robot& r, double h) {
     r.J.row(i) = r.vector(r.tau);
   }
   if (!r.held) return;
+  const bool soft = std::ranges::any_of(loads_->rows, [](const Loads::Row& row) { return row.stiffness > 0; });
   compute_mobility(r, r.q_link);
   for (Eigen::Index i = 0; i < n; ++i) {
     const auto k = static_cast<std::size_t>(i);
     if (r.placed->model.joints[k].passive) continue;
-    r.damping[k] = step_damping(r, k, h, kLargestResolvedLoad);
+    r.damping[k] = step_damping(r, k, h, soft ? kResolvedWithSoft : kResolvedWithRigid);
     r.M(i, i) += r.B[k] + h / 2 * r.damping[k] + h * h / 4 * r.K[k];
   }
   r.root.compute(r.M);
@@ -174,7 +175,6 @@ void ContactWorld::write_loads(double h) {
   find_loads(h);
   load_gain_[0] = before > 0 && loads_->rows.size() <= before && free_loads();
   const Eigen::Index rows = std::ssize(loads_->rows);
-  const bool soft = std::ranges::any_of(loads_->rows, [](const Loads::Row& row) { return row.stiffness > 0; });
   auto factor = loads_->factor.topLeftCorner(rows, rows);
   for (const auto& robot : robots_) {
     Robot& r = *robot;
@@ -182,11 +182,9 @@ void ContactWorld::write_loads(double h) {
     for (std::vector<double>* v : {&r.load_factor, &r.load_torque, &r.load_damping}) std::ranges::fill(*v, 0.0);
     if (rows == 0 || !r.held) continue;
     factor = loads_->free.topLeftCorner(rows, rows);
-    bool damps = soft;
     for (const auto& other : robots_) {
       if (other == robot || !other->held) continue;
       factor.noalias() += other->response.leftCols(rows).transpose() * other->response.leftCols(rows);
-      damps = true;
     }
     factorise(factor);
     auto J = r.J.topRows(rows);
@@ -196,7 +194,7 @@ void ContactWorld::write_loads(double h) {
     Eigen::Map<Eigen::VectorXd>(r.load_torque.data(), n).noalias() = r.M * r.vector(r.ddq);
     semidefinite_root(r.M);
     Eigen::Map<Eigen::MatrixXd>(r.load_factor.data(), n, n) = r.M;  // its columns are the rows of F
-    if (damps) r.load_damping = r.damping;
+    r.load_damping = r.damping;
   }
 }
 
