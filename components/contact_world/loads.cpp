@@ -150,8 +150,9 @@ double ContactWorld::energy_of_loads() {
     const Loads::Row* row = &loads_->rows[i];
     if (!world_->latches()[row->latch].closed) continue;
     const double squared = row[0].error * row[0].error + row[1].error * row[1].error + row[2].error * row[2].error;
-    // The moment of a turned latch is k sin φ.
-    energy += row->stiffness * squared / (1 + (row->turns ? std::sqrt(std::max(0.0, 1 - squared)) : 1));
+    // The moment of a turned latch is k sin φ, its energy k (1 − cos φ).
+    const double cosine = std::copysign(std::sqrt(std::max(0.0, 1 - squared)), row->cosine);
+    energy += row->stiffness * (!row->turns ? squared / 2 : cosine > 0 ? squared / (1 + cosine) : 1 - cosine);
   }
   for (const auto& one : bodies_) {
     const RigidBody& body = world_->body(one->index);
@@ -226,6 +227,8 @@ void ContactWorld::add_correction(Robot& r) {
       before += r.load_factor[i * r.n + j] * r.dq_before[j];
     }
     given -= (now * now - before * before) / 2;
+    const double twist = r.dtheta[i] - r.dq[i];  // what the damping takes for the step's sake is no loss of the robot
+    if (r.held && r.load_damping[i] > r.D[i]) given -= h_before_ * (r.load_damping[i] - r.D[i]) * twist * twist;
   }
   for (std::size_t l = 0; l < r.X_WL.size(); ++l) add_correction(r.parts.bodies[l], r.X_WL[l], r.V_WL[l]);
   if (!r.held) return world_->add_gain(r.parts.bodies.back(), given, false);

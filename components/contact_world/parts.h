@@ -116,15 +116,16 @@ struct ContactWorld::Loads {
       p = of.joint.p_child;
       (turns ? m : d) = of.joint.R_parent.col(axis);
       stiffness = turns ? of.law.turn_stiffness : of.law.stiffness;
-      const Motion6 errors = of.aim(Stage::kPosition, h).error;
-      error = (turns ? m : d).dot(turns ? errors.angular : errors.linear);
+      const Latch::Aim aim = of.aim(Stage::kPosition, h);
+      error = (turns ? m : d).dot(turns ? aim.error.angular : aim.error.linear);
+      cosine = aim.cosine;
     }
     std::size_t latch = 0;
     int axis = 0;
     bool turns = false;
     int parent = -1, child = -1;                                // bodies of the scene; −1: the world
     Eigen::Vector3d d = Eigen::Vector3d::Zero(), m = d, p = d;  // in W; d or m is 0
-    double stiffness = 0, error = 0;                            // N/m or N.m/rad, 0: rigid; m or rad
+    double stiffness = 0, error = 0, cosine = 1;                // N/m or N.m/rad, 0: rigid; m or its sine; of the whole turn
     /// −1 for the first frame's body, 1 for the second one's, 0 for others.
     double sign(std::size_t body) const { return (child == static_cast<int>(body)) - (parent == static_cast<int>(body)); }
     double along(const Eigen::Vector3d& linear, const Eigen::Vector3d& angular) const { return d.dot(linear) + m.dot(angular); }

@@ -40,6 +40,7 @@ Latch::Aim Latch::aim(Stage stage, double h) const {
   aim.error.linear = joint.p_child - joint.p_parent - joint.R_parent * (share * met.linear);
   const Matrix3d R = joint.R_parent * turned_by(share * met.angular);
   for (int k = 0; k < 3; ++k) aim.error.angular += R.col(k).cross(joint.R_child.col(k)) / 2;
+  aim.cosine = (R.cwiseProduct(joint.R_child).sum() - 1) / 2;
   return aim;
 }
 

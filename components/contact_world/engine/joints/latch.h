@@ -38,6 +38,7 @@ class Latch {
   /// Of the child against where it is to be, and the rate at which that moves, at the start (kPosition) or the end (kVelocity) of a step.
   struct Aim {
     Motion6 error, rate;
+    double cosine = 1;  // of the angle, whose sine is error.angular
   };
   Aim aim(Stage stage, double h) const;
 
