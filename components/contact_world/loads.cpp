@@ -66,9 +66,10 @@ void ContactWorld::find_loads(double h) {
   all.rows.clear();
   if (actuation_ == Actuation::kPrescribed || h == 0) return;
   for (std::size_t l = 0; l < latches_.size(); ++l) {
-    for (int k = 0; k < 6 && world_->latches()[l].closed; ++k) {
+    const Latch& latch = world_->latches()[l];
+    for (int k = 0; k < 6 && latch.closed && !latch.overloaded; ++k) {
       all.rows.push_back({.latch = l, .axis = k % 3, .turns = k > 2});
-      all.rows.back().read(world_->latches()[l], h);
+      all.rows.back().read(latch, h);
     }
   }
   const Eigen::Index rows = std::ssize(all.rows);
@@ -129,9 +130,10 @@ void ContactWorld::find_robot(Robot& r, double h) {
   r.root.matrixL().solveInPlace(r.response.leftCols(rows));
 }
 
-/// Whether latches hold only links that drive trains move, bodies without joints and the ground: their energy comes by nothing else than
-/// latches, contacts and inputs.
+/// Whether latches hold only links on fixed bases that drive trains move, bodies without joints and the ground: their energy comes by nothing
+/// else than latches, contacts and inputs.
 bool ContactWorld::free_loads() const {
+  if (floating_) return false;
   const auto is_free = [&](int end) {
     if (end < 0) return true;
     const auto index = static_cast<std::size_t>(end);
@@ -174,7 +176,7 @@ void ContactWorld::write_loads(double h) {
                      turn.angle() * turn.axis().dot(vector3(one->m) + vector3(one->m_c));
   }
   find_loads(h);
-  load_gain_[0] = before > 0 && loads_->rows.size() <= before && free_loads();
+  load_gain_[0] = before > 0 && loads_->rows.size() == before && free_loads();
   const Eigen::Index rows = std::ssize(loads_->rows);
   auto factor = loads_->factor.topLeftCorner(rows, rows);
   for (const auto& robot : robots_) {
@@ -231,7 +233,7 @@ void ContactWorld::add_correction(Robot& r) {
     if (r.held && r.load_damping[i] > r.D[i]) given -= h_before_ * (r.load_damping[i] - r.D[i]) * twist * twist;
   }
   for (std::size_t l = 0; l < r.X_WL.size(); ++l) add_correction(r.parts.bodies[l], r.X_WL[l], r.V_WL[l]);
-  if (!r.held) return world_->add_gain(r.parts.bodies.back(), given, false);
+  if (!r.held && !floating_) return world_->add_gain(r.parts.bodies.back(), given, false);
   loads_->given += given;
   loads_->link = static_cast<int>(r.parts.bodies.back());
 }

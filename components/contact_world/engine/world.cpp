@@ -286,7 +286,7 @@ void World::save(std::vector<double>& state) const {
     put_all(tree.loops.memory());
   }
   for (const Latch& latch : w.latches) {
-    put(latch.closed, latch.holds, latch.progress);
+    put(latch.closed, latch.holds, latch.overloaded, latch.progress);
     for (const Motion6& motion : {latch.met, latch.impulse}) {
       put_all(motion.linear);
       put_all(motion.angular);
@@ -408,6 +408,7 @@ void World::restore(std::span<const double> state) {
   for (Latch& latch : w.latches) {
     latch.closed = get() != 0;
     latch.holds = get() != 0;
+    latch.overloaded = get() != 0;
     latch.progress = std::clamp(get(), 0.0, 1.0);
     for (Motion6* motion : {&latch.met, &latch.impulse}) {
       get_all(motion->linear);
