@@ -404,7 +404,6 @@ void ContactWorld::write_outputs(double now, double h) {
     contact_bodies_[2 * i + 1] = point.body_b + 1;
   }
   for (const auto& r : robots_) {
-    for (std::size_t i = 0; i < r->n; ++i) r->tau_c[i] = r->tau_e[i] - r->mean_other(i, h);
     std::ranges::fill(r->tau_l, 0.0);
   }
   for (std::size_t i = 0; i < latches_.size(); ++i) {

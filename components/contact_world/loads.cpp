@@ -220,9 +220,10 @@ void ContactWorld::add_correction(std::size_t body, const Pose& X_WL, const Twis
 
 /// Compares where the drive train has moved the links in the last step with where this unit expected them, before it takes them there.
 void ContactWorld::add_correction(Robot& r) {
+  if (!r.held) return;
   double given = 0;
   for (std::size_t i = 0; i < r.n; ++i) {
-    given += r.tau_c[i] * (r.q[i] - r.q_link[i]) + (r.tau_l[i] + r.load_torque[i]) * (r.q[i] - r.q_before[i]);
+    given += (r.tau_l[i] + r.load_torque[i]) * (r.q[i] - r.q_before[i]);
     double now = 0, before = 0;
     for (std::size_t j = 0; j < r.n; ++j) {
       now += r.load_factor[i * r.n + j] * r.dq[j];
@@ -230,10 +231,9 @@ void ContactWorld::add_correction(Robot& r) {
     }
     given -= (now * now - before * before) / 2;
     const double twist = r.dtheta[i] - r.dq[i];  // what the damping takes for the step's sake is no loss of the robot
-    if (r.held && r.load_damping[i] > r.D[i]) given -= h_before_ * (r.load_damping[i] - r.D[i]) * twist * twist;
+    if (r.load_damping[i] > r.D[i]) given -= h_before_ * (r.load_damping[i] - r.D[i]) * twist * twist;
   }
   for (std::size_t l = 0; l < r.X_WL.size(); ++l) add_correction(r.parts.bodies[l], r.X_WL[l], r.V_WL[l]);
-  if (!r.held && !floating_) return world_->add_gain(r.parts.bodies.back(), given, false);
   loads_->given += given;
   loads_->link = static_cast<int>(r.parts.bodies.back());
 }

@@ -27,19 +27,11 @@ struct ContactWorld::Robot {
         inertias(robot.model),
         X_WL(robot.model.bodies.size()),
         V_WL(robot.model.bodies.size()) {
-    for (std::vector<double>* v : {&q0,          &dq0,
-                                   &K,           &D,
-                                   &B,           &q,
-                                   &dq,          &tau_J,
-                                   &dtheta,      &q_link,
-                                   &dq_link,     &ddq,
-                                   &tau_e,       &dq_before,
-                                   &tau_other,   &tau_other_rate,
-                                   &tau,         &acceleration,
-                                   &mobility,    &damping,
-                                   &load_torque, &load_damping,
-                                   &q_before,    &tau_c,
-                                   &tau_l}) {
+    for (std::vector<double>* v : {&q0, &dq0, &K, &D, &B, &q, &dq, &tau_J, &dtheta, &q_link, &dq_link, &ddq, &tau_e, &dq_before,
+                                   &tau_other, &tau_other_rate, &tau, &acceleration, &mobility}) {
+      v->assign(n, 0.0);
+    }
+    for (std::vector<double>* v : {&load_torque, &load_damping, &damping, &q_before, &tau_l}) {
       v->assign(n, 0.0);
     }
     load_factor.assign(n * n, 0.0);
@@ -85,7 +77,7 @@ struct ContactWorld::Robot {
   std::vector<double> base_v{0, 0, 0}, base_w{0, 0, 0}, base_f_c{0, 0, 0}, base_m_c{0, 0, 0}, base_f{0, 0, 0}, base_m{0, 0, 0};
   std::vector<double> load_factor, load_torque, load_damping;  // outputs
   std::vector<double> dq_before, q_before;                     // states
-  std::vector<double> tau_c, tau_l;                            // states: tau_e of contacts, of latches
+  std::vector<double> tau_l;                                   // state: tau_e of latches
   std::vector<double> damping;                                 // of the gears, in the last step
   std::vector<double> tau, acceleration;
   Eigen::MatrixXd M, inverse_root;
@@ -137,7 +129,7 @@ struct ContactWorld::Loads {
   Eigen::MatrixXd body;    // that of one body is U Uᵀ with this U
   Eigen::MatrixXd motion;  // speeds and displacements by which the drive trains have moved the frames otherwise than expected
   double energy = 0;       // of the held bodies and the springs at the start of a step, J
-  double given = 0;        // that latches have given to drive trains, and contacts without losing it themselves, J
+  double given = 0;        // that latches have given to drive trains in the last step, J
   int link = -1;           // of one of these
 };
 

@@ -80,12 +80,9 @@ void ContactWorld::declare_robot(Variables& v, Robot& r) {
         .range(0, 1e9);
   }
   joints.state(x + "dq_before", r.dq_before, "rad/s", "link_side=inside: dq at the start of the last step");
-  if (torque && !outside) {
-    joints.state(x + "q_before", r.q_before, "rad", "q at the start of the last step");
-    joints.state(x + "tau_c", r.tau_c, "N.m", "tau_e of contacts, mean over the last step");
-    joints.state(x + "tau_l", r.tau_l, "N.m", "tau_e of latches, mean over the last step");
-  }
   if (gives_loads(r)) {
+    joints.state(x + "q_before", r.q_before, "rad", "q at the start of the last step");
+    joints.state(x + "tau_l", r.tau_l, "N.m", "tau_e of latches, mean over the last step");
     v.output(x + "load_factor", r.load_factor, "1",
              "F, n x n by rows, of the inertia F^T F that the bodies held by latches add to M of (2a) within a step; for the "
              "drive train")
