@@ -74,11 +74,12 @@ ContactWorld::ContactWorld(Settings& settings)
     bodies_.push_back(std::move(made));
   }
   latches_ = LatchPort::read(place_, settings.text("latches"), cell_);
-  loads_ = std::make_unique<Loads>(latches_.size());
+  const bool parts = std::ranges::any_of(bodies_, [](const auto& b) { return b->motion == scene::Motion::kDynamic; });
+  loads_ = std::make_unique<Loads>(latches_.size(), parts && actuation_ == Actuation::kTorque);
+  grips_.resize(loads_->grips * Loads::kNumbers);
   for (const auto& r : robots_) {
-    const auto rows = static_cast<Eigen::Index>(6 * latches_.size()), n = static_cast<Eigen::Index>(r->n);
-    r->J.resize(rows, n);
-    r->response.resize(n, rows);
+    r->J.resize(loads_->free.rows(), static_cast<Eigen::Index>(r->n));
+    r->response.resize(static_cast<Eigen::Index>(r->n), loads_->free.rows());
   }
   check_names();
   contact_p_.resize(3 * shown_);
@@ -305,8 +306,13 @@ StepResult ContactWorld::step(Time now, Duration duration) {
       world_->set_twist(b->index, V);
     }
   }
-  for (std::size_t i = 0; i < latches_.size(); ++i) latches_[i].follow(place_, *world_, i, now.seconds());
-  begin_loads();
+  for (std::size_t i = 0; i < latches_.size(); ++i) {
+    const bool was_closed = world_->latches()[i].closed;
+    latches_[i].follow(place_, *world_, i, now.seconds());
+    for (const auto& r : robots_) {  // its drive train loses the speed that this unit takes from the links
+      if (!was_closed && world_->latches()[i].closed && gives_loads(*r)) world_->leave_out(r->parts.bodies.back());
+    }
+  }
   world_->step(h);
   h_before_ = h;
   write_outputs((now + duration).seconds(), h);
@@ -329,6 +335,7 @@ void ContactWorld::write_robot(Robot& r, double h) {
   }
   for (std::size_t i = 0; i < r.X_WL.size(); ++i) r.X_WL[i] = world_->poses()[r.parts.bodies[i]];
   for (std::size_t i = 0; i < r.n; ++i) r.tau_e[i] = r.mean_other(i, h);
+  std::ranges::fill(r.tau_l, 0.0);
   for (Values* f : {&r.f_c, &r.base_f_c, &r.base_m_c, &r.base_f, &r.base_m}) vector3(*f).setZero();
   if (!floating_ || r.link == LinkSide::kInside) return;
   const Pose& X_WB = world_->poses()[r.parts.base];
@@ -339,12 +346,14 @@ void ContactWorld::write_robot(Robot& r, double h) {
   vector3(r.base_w) = V_WB.tail<3>();
 }
 
-void ContactWorld::add_contact(int body, const Eigen::Vector3d& p_W, const Eigen::Vector3d& f_W) {
+void ContactWorld::add_contact(int body, const Eigen::Vector3d& p_W, const Eigen::Vector3d& f_W, bool grips) {
   const auto index = static_cast<std::size_t>(body);
   if (index < bodies_.size()) {
     Body& b = *bodies_[index];
     vector3(b.f_c) += f_W;
-    vector3(b.m_c) += (p_W - world_->poses()[index].p).cross(f_W);
+    const Eigen::Vector3d moment = (p_W - world_->poses()[index].p).cross(f_W);
+    vector3(b.m_c) += moment;
+    if (!grips) b.outer += (Wrench() << f_W, moment).finished();
     return;
   }
   for (const auto& robot : robots_) {
@@ -363,15 +372,19 @@ void ContactWorld::add_contact(int body, const Eigen::Vector3d& p_W, const Eigen
     if (link == r.parts.bodies.end()) continue;
     add_to_robot();
     vector3(r.f_c) += f_W;
-    scene::add_joint_torques(r.placed->model, r.X_WL, static_cast<int>(link - r.parts.bodies.begin()), p_W, f_W, r.tau_e);
+    scene::add_joint_torques(r.placed->model, r.X_WL, static_cast<int>(link - r.parts.bodies.begin()), p_W, f_W,
+                             grips ? r.tau_l : r.tau_e);
     return;
   }
 }
 
 void ContactWorld::write_outputs(double now, double h) {
   for (const auto& robot : robots_) write_robot(*robot, h);
+  std::ranges::fill(grips_, 0.0);
+  loads_->gripping = 0;
   for (const auto& body : bodies_) {
     Body& b = *body;
+    b.outer.setZero();
     vector3(b.f_c).setZero();
     vector3(b.m_c).setZero();
     vector3(b.p) = world_->poses()[b.index].p;
@@ -394,17 +407,16 @@ void ContactWorld::write_outputs(double now, double h) {
     const ContactPoint& point = points[i];
     penetration_ = std::max(penetration_, -point.gap);
     largest_force_ = std::max(largest_force_, forces[i].norm());
-    add_contact(point.body_b, point.p_W, forces[i]);
-    add_contact(point.body_a, point.p_W, -forces[i]);
+    const bool in_grip = grips(point, forces[i]);
+    if (in_grip) add_grip(i, h);
+    add_contact(point.body_b, point.p_W, forces[i], in_grip);
+    add_contact(point.body_a, point.p_W, -forces[i], in_grip);
     if (i >= shown_) continue;
     Eigen::Map<Eigen::Vector3d>(contact_p_.data() + 3 * i) = point.p_W;
     Eigen::Map<Eigen::Vector3d>(contact_f_.data() + 3 * i) = forces[i];
     contact_gap_[i] = point.gap;
     contact_bodies_[2 * i] = point.body_a + 1;
     contact_bodies_[2 * i + 1] = point.body_b + 1;
-  }
-  for (const auto& r : robots_) {
-    std::ranges::fill(r->tau_l, 0.0);
   }
   for (std::size_t i = 0; i < latches_.size(); ++i) {
     const Latch& latch = world_->latches()[i];

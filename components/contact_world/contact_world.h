@@ -71,6 +71,8 @@ class ContactWorld final : public Unit {
   void write_outputs(double now, double h);
   void write_robot(Robot& robot, double h);
   bool gives_loads(const Robot& robot) const;
+  bool grips(const ContactPoint& point, const Eigen::Vector3d& f_W) const;
+  void add_grip(std::size_t point, double h);
   void find_loads(double h);
   bool free_loads() const;
   double energy_of_loads();
@@ -80,9 +82,9 @@ class ContactWorld final : public Unit {
   void add_correction(std::size_t body, const Pose& X_WL, const Twist& V_WL);
   void add_correction(Robot& robot);
   void carry_loads();
-  void begin_loads();
+  void share_among_latches(std::size_t body, const Eigen::Vector3d& impulse, const Eigen::Vector3d& spin);
   void add_latch(int body, const Eigen::Vector3d& p_W, const Wrench& F);
-  void add_contact(int body, const Eigen::Vector3d& p_W, const Eigen::Vector3d& f_W);
+  void add_contact(int body, const Eigen::Vector3d& p_W, const Eigen::Vector3d& f_W, bool grips);
 
   std::string place_;  // name of the unit, for messages
   scene::Cell cell_;
@@ -106,6 +108,7 @@ class ContactWorld final : public Unit {
   std::vector<double> state_;                                // of the world
   std::vector<std::string> beyond_limits_;                   // notes on joints that start there
   double h_before_ = 0;                                      // state
+  std::vector<double> grips_;                                // state: contacts of links with bodies, Loads::kNumbers each
   std::vector<double> load_gain_{0, 0};                      // state: whether the energy that held bodies got is known; J
   std::vector<double> contact_p_, contact_f_, contact_gap_;  // outputs
   std::vector<std::int32_t> contact_bodies_;

@@ -116,9 +116,9 @@ void LatchPort::follow(const std::string& place, World& world, std::size_t latch
   closed_ = world.latches()[latch].closed;
 }
 
-void LatchPort::carry(const Motion6& impulse) {
-  carried_.linear += impulse.linear;
-  carried_.angular += impulse.angular;
+void LatchPort::carry(const Eigen::Vector3d& impulse, const Eigen::Vector3d& moment) {
+  carried_.linear += impulse;
+  carried_.angular += moment;
 }
 
 void LatchPort::write(const Latch& latch, double end, double h) {

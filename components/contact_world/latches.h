@@ -34,7 +34,7 @@ class LatchPort {
   /// finite.
   void follow(const std::string& place, World& world, std::size_t latch, double now);
   /// Adds an impulse and angular impulse of the last step, which the drive trains decided, to those of the next one.
-  void carry(const Motion6& impulse);
+  void carry(const Eigen::Vector3d& impulse, const Eigen::Vector3d& moment);
   void write(const Latch& latch, double end, double h);
   void append_notes(std::vector<std::string>& notes) const;
   bool bears() const { return !wrench_.isZero(0); }

@@ -34,13 +34,14 @@ void ContactWorld::append_notes(std::vector<std::string>& notes) const {
   const World::Gain gain = world_->gain();
   if (gain.share > kSmallGain) {
     const std::string body = "body '" + world_->scene().bodies[gain.body].name + "' and what joints connect to it";
-    notes.push_back(
-        "energy has grown without work by " + text::to_text(gain.joules, 3) + " J, " +
-        (gain.of_body < gain.joules ? text::to_text(gain.of_body, 3) + " J of it in " : "in ") + body + ": " +
-        text::to_text(100 * gain.share, 3) +
-        " % of the energy that was there (kinetic, of springs, above the lowest place), expected at most " +
-        text::to_text(100 * kSmallGain) +
-        " %: the steps are too long for how fast bodies turn or roll, or for contacts that stay unsolved; smaller steps help");
+    notes.push_back("energy has grown without work by " + text::to_text(gain.joules, 3) + " J, " +
+                    (gain.of_body < gain.joules ? text::to_text(gain.of_body, 3) + " J of it in " : "in ") + body + ": " +
+                    text::to_text(100 * gain.share, 3) +
+                    " % of the energy that was there (kinetic, of springs, above the lowest place), expected at most " +
+                    text::to_text(100 * kSmallGain) +
+                    " %: the steps are too long for how fast bodies turn or roll, for contacts that stay unsolved, or for the "
+                    "gears of a robot that "
+                    "holds bodies with link_side=inside; smaller steps help");
   }
   if (largest_swing_ <= kResolvedSwing) return;
   notes.push_back("the step is " + text::to_text(std::round(10 * largest_swing_) / 10) +

@@ -77,22 +77,24 @@ struct ContactWorld::Robot {
   std::vector<double> base_v{0, 0, 0}, base_w{0, 0, 0}, base_f_c{0, 0, 0}, base_m_c{0, 0, 0}, base_f{0, 0, 0}, base_m{0, 0, 0};
   std::vector<double> load_factor, load_torque, load_damping;  // outputs
   std::vector<double> dq_before, q_before;                     // states
-  std::vector<double> tau_l;                                   // state: tau_e of latches
+  std::vector<double> tau_l;                                   // state: tau_e of latches and grips
   std::vector<double> damping;                                 // of the gears, in the last step
   std::vector<double> tau, acceleration;
   Eigen::MatrixXd M, inverse_root;
   Eigen::LLT<Eigen::MatrixXd> root;  // of M
   std::vector<double> mobility;      // diagonal of M⁻¹
-  bool held = false;                 // by a closed latch
-  Eigen::MatrixXd J, response;       // of the rows of latches: rows x n; with the gears within half a step, n x rows
+  bool held = false;                 // by a closed latch, or it grips
+  Eigen::MatrixXd J, response;       // of the rows of Loads: rows x n; with the gears within half a step, n x rows
   std::vector<Pose> X_WL;            // of all bodies
   std::vector<Twist> V_WL;
 };
 
-/// The closed latches as rows: the relative motion of the second frame against the first one along one direction, at p.
+/// What latches and grips hold, as rows: the relative motion of the second body against the first one along one direction, at p.
 struct ContactWorld::Loads {
-  explicit Loads(std::size_t latches) {
-    const std::size_t most = 6 * latches;
+  static constexpr std::size_t kGrips = 16, kNumbers = 10;  // contacts that are taken into account, and numbers of each
+
+  Loads(std::size_t latches, bool has_parts) : grips(has_parts ? kGrips : 0) {
+    const std::size_t most = 6 * latches + 3 * grips;
     const auto size = static_cast<Eigen::Index>(most);
     rows.reserve(most);
     free.resize(size, size);
@@ -108,29 +110,32 @@ struct ContactWorld::Loads {
       p = of.joint.p_child;
       (turns ? m : d) = of.joint.R_parent.col(axis);
       stiffness = turns ? of.law.turn_stiffness : of.law.stiffness;
+      softness = stiffness > 0 ? 4 / (stiffness * h * h) : 0;
       const Latch::Aim aim = of.aim(Stage::kPosition, h);
       error = (turns ? m : d).dot(turns ? aim.error.angular : aim.error.linear);
       cosine = aim.cosine;
     }
-    std::size_t latch = 0;
+    int latch = -1;  // −1: a contact
     int axis = 0;
     bool turns = false;
     int parent = -1, child = -1;                                // bodies of the scene; −1: the world
     Eigen::Vector3d d = Eigen::Vector3d::Zero(), m = d, p = d;  // in W; d or m is 0
-    double stiffness = 0, error = 0, cosine = 1;                // N/m or N.m/rad, 0: rigid; m or its sine; of the whole turn
+    double softness = 0;                                        // of the implicit midpoint rule, speed per impulse
+    double stiffness = 0, error = 0, cosine = 1;  // of a latch: N/m or N.m/rad, 0: rigid; m or its sine; of the whole turn
     /// −1 for the first frame's body, 1 for the second one's, 0 for others.
-    double sign(std::size_t body) const { return (child == static_cast<int>(body)) - (parent == static_cast<int>(body)); }
+    double sign(std::size_t of) const { return (child == static_cast<int>(of)) - (parent == static_cast<int>(of)); }
     double along(const Eigen::Vector3d& linear, const Eigen::Vector3d& angular) const { return d.dot(linear) + m.dot(angular); }
   };
 
+  std::size_t grips;         // most of them
+  std::size_t gripping = 0;  // now
   std::vector<Row> rows;
   Eigen::MatrixXd free;    // mobility of the bodies that are no links, and softness
   Eigen::MatrixXd factor;  // scratch
   Eigen::MatrixXd body;    // that of one body is U Uᵀ with this U
   Eigen::MatrixXd motion;  // speeds and displacements by which the drive trains have moved the frames otherwise than expected
   double energy = 0;       // of the held bodies and the springs at the start of a step, J
-  double given = 0;        // that latches have given to drive trains in the last step, J
-  int link = -1;           // of one of these
+  double given = 0;        // that latches and grips have given to drive trains in the last step, J
 };
 
 struct ContactWorld::Body {
@@ -138,9 +143,12 @@ struct ContactWorld::Body {
       : name(text::identifier(body.name)), motion(body.motion), foundation(place, name, body) {}
 
   std::string name, prefix;
-  std::size_t index;     // in the world
-  bool jointed = false;  // a joint of the scene holds it
-  Pose X_start;          // where a step began with it
+  std::size_t index;                    // in the world
+  bool jointed = false;                 // a joint of the scene holds it
+  bool held = false, was_held = false;  // a latch or a grip holds it; did so in the step before
+  bool latched = false;                 // a latch does, and no joint
+  Wrench outer = Wrench::Zero();        // of contacts without grips, at its origin
+  Pose X_start;                         // where a step began with it
   scene::Motion motion;
   std::vector<double> p0{0, 0, 0}, quat0{1, 0, 0, 0}, v0{0, 0, 0}, w0{0, 0, 0};  // parameters
   std::vector<double> f{0, 0, 0}, m{0, 0, 0};                                    // inputs of a dynamic body

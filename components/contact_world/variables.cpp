@@ -200,8 +200,10 @@ void ContactWorld::declare(Variables& v) {
   }
   v.state("largest_swing", largest_swing_, "1", "largest contact_swing since the start");
   for (LatchPort& latch : latches_) latch.declare(v);
-  if (!latches_.empty())
+  if (loads_->free.rows() > 0)
     v.state("load_gain", load_gain_, "1", "whether the energy that held bodies got in the last step is known; J");
+  if (!grips_.empty())
+    v.state("grips", grips_, "1", "contacts of links with bodies that can move: bodies, place, normal, softness, friction");
   if (actuation_ == Actuation::kPrescribed) return;
   for (const auto& robot : robots_) {
     const JointMeasures measures(&robot->placed->model);

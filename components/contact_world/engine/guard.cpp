@@ -158,7 +158,7 @@ void World::Impl::end_guard() {
   for (const Account& one : guard.accounts) one.add_lifts(together(one));
   for (Account& one : guard.accounts) one.judge(together(one));
   for (Account& one : guard.accounts)
-    one.end_step(together(one), guard.counts && !guard.assembling && !std::exchange(one.judged, false));
+    one.end_step(together(one), guard.counts && !guard.assembling && !std::exchange(one.left_out, false));
   take_back_gains();
   for (Account& one : guard.accounts) {
     if (one.share <= one.largest_share) continue;
@@ -256,11 +256,12 @@ std::string World::fault(double gap_limit, double energy_limit) const {
          text::to_text(limit, 4) + " J (energy_limit): " + advice;
 }
 
-void World::add_gain(std::size_t body, double joules, bool instead) {
-  Account* one = impl_->account(static_cast<int>(body));
-  if (one == nullptr) return;
-  one->add_gain(joules, one->had() + one->small);
-  one->judged = instead;
+void World::add_gain(std::size_t body, double joules) {
+  if (Account* one = impl_->account(static_cast<int>(body))) one->add_gain(joules, one->had() + one->small);
+}
+
+void World::leave_out(std::size_t body) {
+  if (Account* one = impl_->account(static_cast<int>(body))) one->left_out = true;
 }
 
 World::Gain World::gain() const {

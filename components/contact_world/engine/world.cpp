@@ -155,6 +155,11 @@ void World::set_twist(std::size_t body, const Twist& V_WB) {
   if (w.bodies[body].dynamic()) w.guard.moved = true;
 }
 
+World::ContactLaw World::contact_law(std::size_t point) const {
+  const Impl::Contact& touch = impl_->touches[point];
+  return {touch.mu, touch.stiffness, touch.damping};
+}
+
 const RigidBody& World::body(std::size_t body) const { return impl_->bodies[body]; }
 
 void World::set_body(std::size_t body, const Inertia& inertia) {

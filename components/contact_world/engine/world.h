@@ -113,6 +113,11 @@ class World {
 
   std::span<const ContactPoint> contacts() const;   // of the last step
   std::span<const Eigen::Vector3d> forces() const;  // on body b at each of these points, expressed in W, N; mean over the step
+  /// Friction, and stiffness (infinite if rigid) with its damping, of each of these points until the next step or restore().
+  struct ContactLaw {
+    double mu = 0, stiffness = 0, damping = 0;  // 1, N/m, N.s/m
+  };
+  ContactLaw contact_law(std::size_t point) const;
   const Status& status() const;
   std::span<const Yielding> yielding() const;  // the bodies that can yield
   std::size_t forgotten_dents() const;         // that were replaced because there were more than Options::dents
@@ -134,9 +139,10 @@ class World {
     double share = 0;      // of the most energy that they had: kinetic, of springs, and potential above their lowest place
   };
   Gain gain() const;
-  /// Adds energy that was gained without work outside of this world to that of a body, J; negative: it was lost. `instead`: of that which the
-  /// next step finds, because others decide where this body goes.
-  void add_gain(std::size_t body, double joules, bool instead);
+  /// Adds energy that a body and its surroundings have gained without work outside of this world, J; negative: lost.
+  void add_gain(std::size_t body, double joules);
+  /// Leaves out what the next step finds of the body's account: others decide where the body goes.
+  void leave_out(std::size_t body);
 
   /// Saves and restores the whole state: poses, twists, warm start. A restored world steps to the same bits. Only the first
   /// `Options::contacts` points have a warm start, with and without restoring.

@@ -63,7 +63,7 @@ struct Account {
   double before = 0;   // before impacts, or before bodies are moved apart
   double more = 0, loss = 0, gain = 0;
   double small = 0;                     // gains below are no error
-  bool judged = false;                  // elsewhere
+  bool left_out = false;                // others judge it
   bool deep = false;                    // bodies are in one another
   bool grounded = false, held = false;  // touches rigid ground that stands still; something else
   std::size_t root = 0;                 // the first account of those that touch, also by way of others
