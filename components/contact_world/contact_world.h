@@ -70,6 +70,7 @@ class ContactWorld final : public Unit {
   static double step_damping(const Robot& robot, std::size_t joint, double h, double resolved);
   void write_outputs(double now, double h);
   void write_robot(Robot& robot, double h);
+  bool may_hold(const Robot& robot) const;
   bool gives_loads(const Robot& robot) const;
   bool grips(const ContactPoint& point, const Eigen::Vector3d& f_W) const;
   void add_grip(std::size_t point, double h);

@@ -62,14 +62,13 @@ void ContactWorld::apply_last_torque(Robot& r) {
 /// oscillations; in contact, a stiff undamped gear still makes the force alternate from step to step.
 void ContactWorld::drive(Robot& r, double h) {
   if (std::any_of(r.K.begin(), r.K.end(), [](double K) { return K > 0; })) compute_mobility(r, r.q);
-  const bool loaded = gives_loads(r);
   for (std::size_t i = 0; i < r.n; ++i) {
     const double other = r.mean_other(i, h);
     if (r.placed->model.joints[i].passive) {
       world_->set_tau(r.parts.joints[i], other);
       continue;
     }
-    const double damper = (loaded ? std::max(r.D[i], r.load_damping[i]) : r.D[i]) * (r.dtheta[i] - r.dq[i]);
+    const double damper = r.D[i] * (r.dtheta[i] - r.dq[i]);
     world_->set_inertia(r.parts.joints[i], r.B[i]);
     const double tau = r.tau_J[i] + r.B[i] * r.acceleration[i];  // (2b): motor and friction torque of the last step
     world_->set_tau(r.parts.joints[i], tau + other - damper, r.K[i], step_damping(r, i, h, kLargestResolved), r.dtheta[i]);

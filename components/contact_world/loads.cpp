@@ -54,10 +54,13 @@ int body_of(double number) { return number >= 1 && number < 1e9 ? static_cast<in
 
 }  // namespace
 
-/// Whether a drive train may have to know what the robot holds.
-bool ContactWorld::gives_loads(const Robot& r) const {
+/// Whether the robot may hold something that its drive train should know.
+bool ContactWorld::may_hold(const Robot& r) const {
   return loads_->free.rows() > 0 && actuation_ == Actuation::kTorque && r.link == LinkSide::kInside;
 }
+
+/// Whether the drive train takes it.
+bool ContactWorld::gives_loads(const Robot& r) const { return may_hold(r) && r.takes_loads != 0; }
 
 /// Whether a force is one between a link that a drive train moves and a body that can move.
 bool ContactWorld::grips(const ContactPoint& point, const Vector3d& f_W) const {
@@ -169,7 +172,7 @@ void ContactWorld::find_robot(Robot& r, double h) {
   r.root.matrixL().solveInPlace(r.response.leftCols(rows));
 }
 
-/// Whether all that is held are links on fixed bases that drive trains move, bodies without joints and the ground, by rigid contacts or by latches
+/// Whether all that is held are links on fixed bases of drive trains that take their loads, bodies without joints and the ground, by rigid contacts or by latches
 /// that bear: their energy comes by nothing else than these, other contacts and inputs.
 bool ContactWorld::free_loads() const {
   const auto is_free = [&](int end) {
@@ -177,7 +180,7 @@ bool ContactWorld::free_loads() const {
     const auto index = static_cast<std::size_t>(end);
     if (index < bodies_.size()) return bodies_[index]->motion != scene::Motion::kDriven && !bodies_[index]->jointed;
     return std::ranges::none_of(robots_, [&](const auto& r) {
-      return r->link == LinkSide::kOutside && std::ranges::find(r->parts.bodies, index) != r->parts.bodies.end();
+      return !gives_loads(*r) && std::ranges::find(r->parts.bodies, index) != r->parts.bodies.end();
     });
   };
   return !floating_ && !loads_->rows.empty() && std::ranges::all_of(loads_->rows, [&](const Loads::Row& row) {
@@ -225,9 +228,9 @@ void ContactWorld::write_loads(double h) {
   auto factor = loads_->factor.topLeftCorner(rows, rows);
   for (const auto& robot : robots_) {
     Robot& r = *robot;
-    if (!gives_loads(r)) continue;
+    if (!may_hold(r)) continue;
     for (std::vector<double>* v : {&r.load_factor, &r.load_torque, &r.load_damping}) std::ranges::fill(*v, 0.0);
-    if (rows == 0 || !r.held) continue;
+    if (!r.held || !gives_loads(r)) continue;
     factor = loads_->free.topLeftCorner(rows, rows);
     for (const auto& other : robots_) {
       if (other == robot || !other->held) continue;
@@ -264,7 +267,7 @@ void ContactWorld::add_correction(std::size_t body, const Pose& X_WL, const Twis
 
 /// Compares where the drive train has moved the links in the last step with where this unit expected them, before it takes them there.
 void ContactWorld::add_correction(Robot& r) {
-  if (!r.held) return;
+  if (!r.held || !gives_loads(r)) return;
   double given = 0;
   for (std::size_t i = 0; i < r.n; ++i) {
     given += (r.tau_l[i] + r.load_torque[i]) * (r.q[i] - r.q_before[i]);

@@ -75,6 +75,7 @@ struct ContactWorld::Robot {
   std::vector<double> tau_other, tau_other_rate;                                   // input with its rate
   std::vector<double> q_link, dq_link, ddq, tau_e, f_c{0, 0, 0}, base_p{0, 0, 0}, base_quat{1, 0, 0, 0};  // outputs
   std::vector<double> base_v{0, 0, 0}, base_w{0, 0, 0}, base_f_c{0, 0, 0}, base_m_c{0, 0, 0}, base_f{0, 0, 0}, base_m{0, 0, 0};
+  double takes_loads = 0;                                      // input
   std::vector<double> load_factor, load_torque, load_damping;  // outputs
   std::vector<double> dq_before, q_before;                     // states
   std::vector<double> tau_l;                                   // state: tau_e of latches and grips

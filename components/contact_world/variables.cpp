@@ -80,7 +80,9 @@ void ContactWorld::declare_robot(Variables& v, Robot& r) {
         .range(0, 1e9);
   }
   joints.state(x + "dq_before", r.dq_before, "rad/s", "link_side=inside: dq at the start of the last step");
-  if (gives_loads(r)) {
+  if (may_hold(r)) {
+    v.input(x + "takes_loads", r.takes_loads, "1",
+            "1: the drive train takes load_factor, load_torque and load_damping, which are 0 otherwise");
     joints.state(x + "q_before", r.q_before, "rad", "q at the start of the last step");
     joints.state(x + "tau_l", r.tau_l, "N.m", "tau_e of latches, mean over the last step");
     v.output(x + "load_factor", r.load_factor, "1",

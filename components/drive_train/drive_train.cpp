@@ -430,7 +430,8 @@ void DriveTrain::write_outputs(double h, const Point& end) {
       dtheta[i] = dq[i];
       tau_J_[i] = tau_f_[i] = 0;
     } else if (equations_.flexible()) {
-      tau_J_[i] = end.tau_J[i];
+      // without what load_damping adds, as a sensor has it
+      tau_J_[i] = end.tau_J[i] - (equations_.parameters().D[i] - wanted_.D[i]) * (dtheta[i] - dq[i]);
       tau_f_[i] =
           equations_.stuck(i) ? equations_.motor_balance(end, i, tau_m) : end.tau_f[i];  // a stuck motor is held in balance
     } else {

@@ -86,7 +86,8 @@ class DriveTrain final : public Unit {
   std::string sources_, assumed_;
 
   std::vector<double> tau_m_, dtau_m_, tau_e_, dtau_e_, q_in_, dq_in_;  // inputs
-  std::vector<double> load_factor_, load_torque_, load_damping_;        // likewise
+  double takes_loads_ = 1;
+  std::vector<double> load_factor_, load_torque_, load_damping_;  // likewise
   std::vector<double> tau_m_before_, tau_e_before_, q_before_, dq_before_;
   std::vector<double> x_, x_before_step_;  // (q | q̇ | θ | θ̇ | z)
   Modes modes_before_step_;

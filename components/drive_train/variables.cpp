@@ -92,6 +92,7 @@ void DriveTrain::declare(Variables& v) {
   if (equations_.inside()) {
     v.state("passed_at", limits_.passed_at, "s", "time at which each joint first passed its upper limit; -1e10: never");
     v.state("passed_below", limits_.passed_below, "s", "the same of its lower limit");
+    v.output("takes_loads", takes_loads_, "1", "1, for the contact world");
     v.input("load_factor", load_factor_, "1",
             "F, n x n by rows, of the inertia F^T F that held bodies add to M in (2a); the master connects it, load_torque and "
             "load_damping where a contact world gives tau_e");

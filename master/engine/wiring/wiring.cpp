@@ -128,25 +128,27 @@ bool elements_differ(const void* from, const void* to, std::uint32_t count) {
 /// Compares bits: a NaN that stays is no change.
 bool same_bits(double a, double b) { return std::bit_cast<std::uint64_t>(a) == std::bit_cast<std::uint64_t>(b); }
 
-/// Where a contact world gives a drive train tau_e, the connections of what its latches hold, which belong to it.
+/// Where a contact world gives a drive train tau_e, the connections of what the robot holds belong to it.
 void add_loads(std::vector<ConnectionSpec>& all, std::span<const Member> members) {
-  const auto has = [&](const Port& port, Role role) {
+  const auto exists = [&](const Port& port) {
     const auto member = std::ranges::find_if(members, [&](const Member& m) { return m.name() == port.component; });
-    const Variable* v = member == members.end() ? nullptr : member->variables().find(port.variable);
-    return v != nullptr && v->role == role;
+    return member != members.end() && member->variables().find(port.variable) != nullptr;
   };
   constexpr std::string_view kTorque = "tau_e";
-  for (std::size_t i = 0, given = all.size(); i < given; ++i) {
-    if (all[i].factor != 1 || !all[i].from.variable.ends_with(kTorque) || !all[i].to.variable.ends_with(kTorque)) continue;
-    for (const char* name : {"load_factor", "load_torque", "load_damping"}) {
-      ConnectionSpec one = all[i];
-      for (Port* port : {&one.from, &one.to})
+  const std::vector<ConnectionSpec> given = all;
+  for (const ConnectionSpec& torque : given) {
+    if (torque.factor != 1 || !torque.from.variable.ends_with(kTorque) || !torque.to.variable.ends_with(kTorque)) continue;
+    for (const char* name : {"load_factor", "load_torque", "load_damping", "takes_loads"}) {
+      ConnectionSpec one = torque;
+      for (Port* port : {&one.from, &one.to}) {
         port->variable.replace(port->variable.size() - kTorque.size(), kTorque.size(), name);
-      const bool is_fed =
-          std::any_of(all.begin(), all.begin() + static_cast<std::ptrdiff_t>(given), [&](const ConnectionSpec& c) {
-            return c.to.component == one.to.component && c.to.variable.starts_with(one.to.variable);
-          });
-      if (!is_fed && has(one.from, Role::kOutput) && has(one.to, Role::kInput)) all.push_back(one);
+        port->unit.clear();
+      }
+      const auto has_end = [&](const ConnectionSpec& c) {
+        return (c.to.component == one.to.component && c.to.variable.starts_with(one.to.variable)) ||
+               (c.to.component == one.from.component && c.to.variable.starts_with(one.from.variable));
+      };
+      if (exists(one.from) && exists(one.to) && std::ranges::none_of(given, has_end)) all.push_back(one);
     }
   }
 }
