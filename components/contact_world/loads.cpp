@@ -116,9 +116,9 @@ void ContactWorld::find_loads(double h) {
   for (Eigen::Index i = 0; i < rows; ++i) free(i, i) = all.rows[static_cast<std::size_t>(i)].softness;
   for (const auto& body : bodies_) {
     body->held = find_body(body->index);
-    body->latched = body->held && !body->jointed && std::ranges::any_of(all.rows, [&](const Loads::Row& row) {
-                      return row.latch >= 0 && row.sign(body->index) != 0;
-                    });
+    body->latched = !floating_ && body->held && !body->jointed && std::ranges::any_of(all.rows, [&](const Loads::Row& row) {
+      return row.latch >= 0 && row.sign(body->index) != 0;
+    });
     if (body->held) free.noalias() += all.body.topRows(rows) * all.body.topRows(rows).transpose();
   }
   for (const auto& robot : robots_) find_robot(*robot, h);
