@@ -421,10 +421,10 @@ void ContactWorld::write_outputs(double now, double h) {
   for (std::size_t i = 0; i < latches_.size(); ++i) {
     const Latch& latch = world_->latches()[i];
     latches_[i].write(latch, now, h);
-    const Wrench &F = latches_[i].wrench(), &carried = latches_[i].carried();
-    if (F.isZero(0) && carried.isZero(0)) continue;
-    add_latch(latch.joint.child, latch.joint.p_child, F, carried);
-    add_latch(latch.joint.parent, latch.joint.p_child, -F, -carried);
+    const Wrench& F = latches_[i].wrench();
+    if (F.isZero(0)) continue;
+    add_latch(latch.joint.child, latch.joint.p_child, F);
+    add_latch(latch.joint.parent, latch.joint.p_child, -F);
   }
   for (const auto& r : robots_) {
     for (std::size_t i = 0; i < r->n; ++i) r->tau_e[i] += r->tau_l[i];

@@ -84,7 +84,7 @@ class ContactWorld final : public Unit {
   void add_correction(Robot& robot);
   void carry_loads();
   void share_among_latches(std::size_t body, const Eigen::Vector3d& impulse, const Eigen::Vector3d& spin);
-  void add_latch(int body, const Eigen::Vector3d& p_W, const Wrench& F, const Wrench& carried);
+  void add_latch(int body, const Eigen::Vector3d& p_W, const Wrench& F);
   void add_contact(int body, const Eigen::Vector3d& p_W, const Eigen::Vector3d& f_W, bool grips);
 
   std::string place_;  // name of the unit, for messages

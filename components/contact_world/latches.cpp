@@ -117,7 +117,7 @@ void LatchPort::follow(const std::string& place, World& world, std::size_t latch
 }
 
 void LatchPort::carry(const Eigen::Vector3d& impulse, const Eigen::Vector3d& moment) {
-  impulse_ += (Wrench() << impulse, moment).finished();
+  carried_ += (Wrench() << impulse, moment).finished();
 }
 
 void LatchPort::write(const Latch& latch, double end, double h) {
@@ -125,10 +125,9 @@ void LatchPort::write(const Latch& latch, double end, double h) {
   closed_ = latch.closed;
   const double rate = h > 0 ? 1 / h : 0;
   wrench_ << rate * latch.sum.linear, rate * latch.sum.angular;
-  carried_ = rate * impulse_;
-  impulse_.setZero();
-  Eigen::Map<Eigen::Vector3d>(f_.data()) = (wrench_ + carried_).head<3>();
-  Eigen::Map<Eigen::Vector3d>(m_.data()) = (wrench_ + carried_).tail<3>();
+  Eigen::Map<Eigen::Vector3d>(f_.data()) = (wrench_ + rate * carried_).head<3>();
+  Eigen::Map<Eigen::Vector3d>(m_.data()) = (wrench_ + rate * carried_).tail<3>();
+  carried_.setZero();
   Eigen::Map<Eigen::Vector3d>(p_.data()) = latch.joint.p_child;
   distance_ = latch.distance();
   angle_ = latch.angle();
@@ -147,9 +146,9 @@ void LatchPort::append_notes(std::vector<std::string>& notes) const {
   }
 }
 
-/// The wrench of a latch on a link or base of a robot: for the drive train. What it decided about the motion of held bodies is a force on its base.
-void ContactWorld::add_latch(int body, const Eigen::Vector3d& p_W, const Wrench& F, const Wrench& carried) {
-  const Eigen::Vector3d f = (F + carried).head<3>(), m = (F + carried).tail<3>();
+/// The wrench of a latch on a link or base of a robot: for the drive train.
+void ContactWorld::add_latch(int body, const Eigen::Vector3d& p_W, const Wrench& F) {
+  const Eigen::Vector3d f = F.head<3>(), m = F.tail<3>();
   for (const auto& robot : robots_) {
     Robot& r = *robot;
     const auto link = std::ranges::find(r.parts.bodies, static_cast<std::size_t>(body));

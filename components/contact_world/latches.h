@@ -37,8 +37,7 @@ class LatchPort {
   void carry(const Eigen::Vector3d& impulse, const Eigen::Vector3d& moment);
   void write(const Latch& latch, double end, double h);
   void append_notes(std::vector<std::string>& notes) const;
-  const Wrench& wrench() const { return wrench_; }    // on the second body, mean over the step
-  const Wrench& carried() const { return carried_; }  // of the last step, over this one
+  const Wrench& wrench() const { return wrench_; }  // on the second body, mean over the step, without what was carried
 
  private:
   std::string name_;
@@ -46,7 +45,7 @@ class LatchPort {
   bool close_ = false, closed_ = false;
   std::vector<double> p_{0, 0, 0}, f_{0, 0, 0}, m_{0, 0, 0};
   Wrench wrench_ = Wrench::Zero();
-  Wrench impulse_ = Wrench::Zero(), carried_ = Wrench::Zero();
+  Wrench carried_ = Wrench::Zero();  // impulse
   double distance_ = 0, angle_ = 0;
   LatchLaw law_;                // tunables, with 0 for a force and a moment without bound
   bool closed_before_ = false;  // state
