@@ -18,12 +18,10 @@ constexpr double kLargestResolved = 0.3;
 void ContactWorld::set_links(Robot& r, double h) {
   if (floating_) r.X_WB = pose_of_input(place_, r.prefix, "base_quat", r.base_p, r.base_quat);
   scene::place_links(r.placed->model, r.X_WB, r.q, r.dq, r.X_WL, r.V_WL);
-  const bool corrects = actuation_ == Actuation::kTorque && h_before_ > 0;
   if (floating_) {
     const Eigen::Vector3d v = vector3(r.base_v), w = vector3(r.base_w);
     Twist V_WB;
     V_WB << v, w;
-    if (corrects) add_correction(r.parts.base, r.X_WB, V_WB);
     world_->set_pose(r.parts.base, r.X_WB);
     world_->set_twist(r.parts.base, V_WB);
     for (std::size_t i = 0; i < r.X_WL.size(); ++i) {
@@ -31,7 +29,7 @@ void ContactWorld::set_links(Robot& r, double h) {
       r.V_WL[i].tail<3>() += w;
     }
   }
-  if (corrects) add_correction(r);
+  if (actuation_ == Actuation::kTorque && h_before_ > 0) add_correction(r);
   for (std::size_t i = 0; i < r.X_WL.size(); ++i) {
     world_->set_pose(r.parts.bodies[i], r.X_WL[i]);
     world_->set_twist(r.parts.bodies[i], r.V_WL[i]);

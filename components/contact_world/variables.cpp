@@ -84,16 +84,16 @@ void ContactWorld::declare_robot(Variables& v, Robot& r) {
     v.input(x + "takes_loads", r.takes_loads, "1",
             "1: the drive train takes load_factor, load_torque and load_damping, which are 0 otherwise");
     joints.state(x + "q_before", r.q_before, "rad", "q at the start of the last step");
-    joints.state(x + "tau_l", r.tau_l, "N.m", "tau_e of latches, mean over the last step");
+    joints.state(x + "tau_l", r.tau_l, "N.m", "tau_e of latches and grips, mean over the last step");
     v.output(x + "load_factor", r.load_factor, "1",
-             "F, n x n by rows, of the inertia F^T F that the bodies held by latches add to M of (2a) within a step; for the "
+             "F, n x n by rows, of the inertia F^T F that bodies in latches and grips add to M of (2a) within a step; for the "
              "drive train")
         .discrete()
         .initially_from({});
     joints.output(x + "load_torque", r.load_torque, "N.m", "F^T F times ddq_link").discrete().initially_from({});
     joints
         .output(x + "load_damping", r.load_damping, "N.m.s/rad",
-                "least damping of the gears while a latch holds the robot: their oscillation may be too fast for the step")
+                "least damping of the gears with these bodies: their oscillation may be too fast for the step")
         .discrete()
         .initially_from({});
   }

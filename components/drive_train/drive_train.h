@@ -30,7 +30,7 @@ namespace cotwin::drive_train {
 /// The bodies and the tunables of robot::kDriveParameters may be changed while the robot moves (with CVODE they are fixed). The values
 /// in force follow smoothly.
 ///
-/// Link inside, bodies that another unit connects with the links (the contact world's latches) may be part of (2a): with their inertia L = Fᵀ F,
+/// Link inside, bodies that another unit connects with the links (the contact world's latches and grips) may be part of (2a): with their inertia L = Fᵀ F,
 /// the torque τ_L = L q̈ for the q̈ that this unit expects, and the damping that its step needs at the gears,
 ///   (M + L) q̈ + … = τ_J + τ_e + τ_L
 /// The difference from τ_e is L (q̈ − q̈ expected): light links then move stably with heavy bodies on them.
