@@ -17,6 +17,7 @@
 #include "models/scene/robot_links.h"
 #include "tests/support/allocations.h"
 #include "tests/support/chain_urdf.h"
+#include "tests/support/error_of.h"
 #include "tests/support/files.h"
 #include "tests/support/unit_subject.h"
 
@@ -41,7 +42,7 @@ struct Trial {
   double K = 2e4, D = 0, B = 0.5;
   double gravity = 0;  // m/s²
   Values v0 = {0.2, -0.1, 0.05}, w0 = {0.1, 0.2, -0.1};
-  std::string options{};  // of the world
+  std::string base{};  // "&base=floating", with 20 kg
   const char* link = "inside";
 };
 
@@ -52,8 +53,8 @@ class Holding {
       : trial_(trial),
         robot_(folder_.write("chain.urdf", urdf(trial)).string()),
         world_("unit:contact_world?robot_shapes=none&latches=L|link_" + std::to_string(trial.joints) + "|b&link_side=" +
-               trial.link + "&robot=" + robot_ + "&scene=" + folder_.write("b.sdf", sdf(trial)).string() + trial.options),
-        drive_("unit:drive_train?link_side=" + std::string(trial.link) + "&robot=" + robot_) {
+               trial.link + "&robot=" + robot_ + "&scene=" + folder_.write("b.sdf", sdf(trial)).string() + trial.base),
+        drive_("unit:drive_train?link_side=" + std::string(trial.link) + "&robot=" + robot_ + trial.base) {
     q_.resize(static_cast<std::size_t>(trial.joints));
     for (std::size_t i = 0; i < q_.size(); ++i) q_[i] = 0.4 + 0.3 * std::sin(2.0 * static_cast<double>(i));
     const robot::RobotModel model = robot::load_urdf(robot_);
@@ -88,12 +89,18 @@ class Holding {
     for (const char* name : {"q", "dq"}) {
       if (inside()) copy(drive_, name, world_, name);
     }
+    for (const char* name : {"base_p", "base_quat", "base_v", "base_w"}) {
+      if (!trial_.base.empty()) copy(drive_, name, world_, name);
+    }
     world_.step(trial_.h);
     for (const char* name : {"q", "dq"}) {
       if (!inside()) copy(world_, name, drive_, name);
     }
     for (const char* name : {"tau_e", "load_factor", "load_torque", "load_damping"}) {
       if (inside()) copy(world_, name, drive_, name);
+    }
+    for (const char* name : {"base_f", "base_m"}) {
+      if (!trial_.base.empty()) copy(world_, name, drive_, name);
     }
     drive_.step(trial_.h);
   }
@@ -112,6 +119,11 @@ class Holding {
            trial_.mass * trial_.gravity * (world_.real("b.p", 2) + arm.z()) + k / 2 * e * e +
            k * trial_.size * trial_.size * (1 - std::cos(world_.real("L.angle")));
   }
+  /// Of the body, in W, kg.m/s.
+  Vector3d momentum() {
+    const Eigen::Quaterniond Q(world_["b.quat"][0], world_["b.quat"][1], world_["b.quat"][2], world_["b.quat"][3]);
+    return trial_.mass * (world_.vector("b.v") + world_.vector("b.w").cross(Q * Vector3d(0, 0, trial_.size)));
+  }
   std::vector<std::string> notes() {
     std::vector<std::string> all;
     world_.unit().append_notes(all);
@@ -127,6 +139,11 @@ class Holding {
   static std::string urdf(const Trial& trial) {
     std::string xml = cotwin::testing::chain_urdf(trial.joints);
     xml.insert(xml.find('>') + 1, "<gravity xyz=\"0 0 " + std::to_string(-trial.gravity) + "\"/>");
+    const std::string base = R"(<link name="link_0"/>)";
+    if (!trial.base.empty())
+      xml.replace(
+          xml.find(base), base.size(),
+          R"(<link name="link_0"><inertial><mass value="20"/><inertia ixx="0.5" iyy="0.5" izz="0.5" ixy="0" ixz="0" iyz="0"/></inertial></link>)");
     return xml;
   }
   static std::string sdf(const Trial& trial) {
@@ -227,20 +244,33 @@ TEST(Loads, ExplainTheMotionOfTheBodyByTheLatchesForce) {
   Trial trial{.mass = 5, .h = 4e-3, .D = 2};
   Holding arm(trial);
   arm.run(0.1);
-  const auto momentum = [&]() -> Vector3d {
-    const Eigen::Quaterniond Q(arm.world()["b.quat"][0], arm.world()["b.quat"][1], arm.world()["b.quat"][2],
-                               arm.world()["b.quat"][3]);
-    return trial.mass * (arm.world().vector("b.v") + arm.world().vector("b.w").cross(Q * Vector3d(0, 0, trial.size)));
-  };
-  Vector3d impulse = Vector3d::Zero(), before = momentum();
+  Vector3d impulse = Vector3d::Zero(), before = arm.momentum();
   double largest = 0;
   for (int i = 0; i < 100; ++i) {
     arm.step();
     impulse += trial.h * arm.world().vector("L.f");
     largest = std::max(largest, impulse.norm());
-    EXPECT_LT((momentum() - before - impulse).norm(), 1e-3 * largest) << i;
+    EXPECT_LT((arm.momentum() - before - impulse).norm(), 1e-3 * largest) << i;
   }
   EXPECT_GT(largest, 0.01);
+}
+
+TEST(Loads, KeepTheMomentumOnAFloatingBase) {
+  for (const double stiffness : {0.0, 2e4}) {
+    Trial trial{.stiffness = stiffness, .h = 4e-3, .D = 5, .base = "&base=floating"};
+    Holding arm(trial);
+    const Vector3d before = arm.momentum() + arm.drive().vector("momentum");
+    arm.run(0.5);
+    EXPECT_GT(arm.drive().vector("momentum").norm(), 0.1 * before.norm());
+    EXPECT_LT((arm.momentum() + arm.drive().vector("momentum") - before).norm(), 1e-9 * before.norm());
+  }
+}
+
+TEST(Loads, AreRefusedWhereTheyAreNoNumbers) {
+  Holding arm({});
+  arm.drive()["load_factor"][3] = std::nan("");
+  EXPECT_THAT(cotwin::testing::error_of([&] { arm.drive().step(1e-3); }),
+              ::testing::HasSubstr("drive_train.load_factor[4]: is nan at 0 s, expected a finite value"));
 }
 
 TEST(Loads, AreGoneWhenTheLatchOpens) {
