@@ -7,6 +7,8 @@
 #include <utility>
 
 #include "components/robot_files/joint_settings.h"
+#include "components/robot_files/robot_files.h"
+#include "components/unit/model_store.h"
 #include "components/unit/settings.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
@@ -60,34 +62,43 @@ void add_tools(const std::string& setting, scene::PlacedRobot& placed, const std
   }
 }
 
+/// A robot of a cell, and how its file is read.
+struct RobotRequest {
+  std::string name;
+  fs::path urdf;
+  robot::UrdfOptions options;
+};
+
+scene::PlacedRobot read_robot(const RobotRequest& request, const std::string& shapes, const std::string& tools,
+                              const std::function<fs::path(const std::string&)>& find, std::vector<std::string>& warnings) {
+  scene::PlacedRobot placed{request.name, robot::load_urdf(request.urdf, request.options, &warnings), {}};
+  if (shapes == "none") {
+    placed.shapes.resize(placed.model.bodies.size() + 1);
+  } else {
+    placed.shapes = (shapes == "hulls" ? scene::hulls_of_urdf : scene::shapes_of_urdf)(request.urdf, placed.model, &warnings);
+  }
+  add_tools(tools, placed, find, warnings);
+  return placed;
+}
+
 }  // namespace
 
 scene::Cell Settings::cell() {
-  scene::Cell cell;
-  std::vector<std::string> found;
+  fs::path scene_file;
   if (const std::string name = text("scene"); name != "none" && !name.empty()) {
     const bool is_path = name.find('/') != std::string::npos || fs::path(name).has_extension();
-    const fs::path path = file(is_path ? name : "scenes/" + name + "/scene.sdf", " (another scene: --set scene=PATH.sdf)");
-    cell.scene = scene::load(path, &found);
-  } else {
-    cell.scene.name = "none";
+    scene_file = file(is_path ? name : "scenes/" + name + "/scene.sdf", " (another scene: --set scene=PATH.sdf)");
   }
-
-  const std::string tools = text("tools");
-  robot::UrdfOptions options;
-  options.unphysical = unphysical_of(choice("unphysical"));
+  const std::string tools = text("tools"), shapes = choice("robot_shapes"), reaction = choice("unphysical"),
+                    locked = text("lock"), passive = text("passive");
+  std::vector<RobotRequest> requests;
+  std::string key = kCellKey + text::joined({scene_file.string(), tools, shapes, reaction, locked, passive}, "\n");
   const auto place = [&](const std::string& name, const fs::path& urdf) {
-    robot::UrdfOptions own = options;
-    read_joint_settings("unit:" + unit_, name, text("lock"), text("passive"), own);
-    scene::PlacedRobot robot{name, robot::load_urdf(urdf, own, &found), {}};
-    if (const std::string shapes = choice("robot_shapes"); shapes == "none") {
-      robot.shapes.resize(robot.model.bodies.size() + 1);
-    } else {
-      robot.shapes = (shapes == "hulls" ? scene::hulls_of_urdf : scene::shapes_of_urdf)(urdf, robot.model, &found);
-    }
-    add_tools(
-        tools, robot, [this](const std::string& tool) { return file(tool); }, found);
-    cell.robots.push_back(std::move(robot));
+    RobotRequest request{name, urdf, {}};
+    request.options.unphysical = unphysical_of(reaction);
+    read_joint_settings("unit:" + unit_, name, locked, passive, request.options);
+    requests.push_back(std::move(request));
+    key += "\n" + name + ":" + urdf.string();
   };
   // Settings of the source have priority over those of the scenario for all units.
   const bool one_given = query_.contains("robot");
@@ -107,12 +118,24 @@ scene::Cell Settings::cell() {
       if (!names.insert(name).second) throw Error("unit:" + unit_, "robots=" + several + ": '" + name + "' stands there twice");
       place(name, robot_file(std::string(entry.substr(colon + 1)), " (another robot: robots=" + name + ":PATH.urdf)"));
     }
-    check_joint_settings("unit:" + unit_, names, text("lock"), text("passive"));
+    check_joint_settings("unit:" + unit_, names, locked, passive);
   } else if (!one.empty()) {
     place("", robot_file());
   }
-  for (std::string& warning : found) warn(std::move(warning));
-  cell_ = std::make_shared<const scene::Cell>(std::move(cell));
+  const auto found = read_once<FoundCell>(models_.get(), key, [&] {
+    FoundCell made;
+    if (scene_file.empty()) {
+      made.cell.scene.name = "none";
+    } else {
+      made.cell.scene = scene::load(scene_file, &made.warnings);
+    }
+    const auto find = [this](const std::string& tool) { return file(tool); };
+    for (const RobotRequest& request : requests)
+      made.cell.robots.push_back(read_robot(request, shapes, tools, find, made.warnings));
+    return made;
+  });
+  for (const std::string& warning : found->warnings) warn(warning);
+  cell_ = {found, &found->cell};
   return *cell_;
 }
 

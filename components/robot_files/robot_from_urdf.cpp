@@ -1,19 +1,30 @@
 #include <utility>
 
 #include "components/robot_files/joint_settings.h"
+#include "components/robot_files/robot_files.h"
+#include "components/unit/model_store.h"
 #include "components/unit/settings.h"
+#include "models/foundation/support/text.h"
 #include "models/robot/urdf/urdf.h"
 
 namespace cotwin {
 
 robot::RobotModel Settings::robot(Masses masses) {
   robot::UrdfOptions options;
-  std::vector<std::string> found;
-  options.unphysical = masses == Masses::kUnused ? robot::Unphysical::kWarn : unphysical_of(choice("unphysical"));
-  read_joint_settings("unit:" + unit_, "", text("lock"), text("passive"), options);
-  robot_ = std::make_shared<const robot::RobotModel>(robot::load_urdf(robot_file(), options, &found));
+  const std::string reaction = masses == Masses::kUnused ? "warn" : choice("unphysical"), locked = text("lock"),
+                    passive = text("passive");
+  options.unphysical = unphysical_of(reaction);
+  read_joint_settings("unit:" + unit_, "", locked, passive, options);
+  const std::filesystem::path file = robot_file();
+  const std::string key = kRobotKey + text::joined({file.string(), reaction, locked, passive}, "\n");
+  const auto found = read_once<FoundRobot>(models_.get(), key, [&] {
+    FoundRobot made;
+    made.model = robot::load_urdf(file, options, &made.warnings);
+    return made;
+  });
+  robot_ = {found, &found->model};
   if (masses == Masses::kUsed) {
-    for (std::string& warning : found) warn(std::move(warning));
+    for (const std::string& warning : found->warnings) warn(warning);
   }
   return *robot_;
 }

@@ -51,8 +51,8 @@ std::string escape_setting(std::string_view text) {
 }
 
 Settings::Settings(std::string unit, std::string_view query, std::map<std::string, std::string> defaults,
-                   std::vector<fs::path> folders)
-    : unit_(std::move(unit)), defaults_(std::move(defaults)), folders_(std::move(folders)) {
+                   std::vector<fs::path> folders, std::shared_ptr<ModelStore> models)
+    : unit_(std::move(unit)), defaults_(std::move(defaults)), folders_(std::move(folders)), models_(std::move(models)) {
   if (query.empty()) return;
   for (const std::string_view pair : text::split(query, '&')) {
     const std::size_t equals = pair.find('=');

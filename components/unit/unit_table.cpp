@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "components/unit/model_store.h"
 #include "components/unit/si.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
@@ -53,9 +54,9 @@ UnitSource parse_unit_source(const std::string& source) {
 
 Instance make_unit(const std::string& source, const std::map<std::string, std::string>& defaults,
                    const std::vector<std::filesystem::path>& folders, std::span<const UnitType> types,
-                   std::vector<std::string>* defaults_used) {
+                   std::vector<std::string>* defaults_used, std::shared_ptr<ModelStore> models) {
   const UnitSource parts = parse_unit_source(source);
-  Settings settings(parts.unit, parts.query, defaults, folders);
+  Settings settings(parts.unit, parts.query, defaults, folders, std::move(models));
   Instance instance = make_unit(settings, types);
   if (defaults_used != nullptr) *defaults_used = settings.defaults_used();
   return instance;
@@ -69,9 +70,10 @@ Instance make_unit(Settings& settings, std::span<const UnitType> types) {
   for (const std::filesystem::path& robot : settings.robot_files()) {
     const std::filesystem::path values = robot.parent_path() / (settings.unit() + ".ssv");
     if (robot.filename() != "robot.urdf" || !std::filesystem::exists(values)) continue;
-    const ParameterSet set = load_parameter_set(values);
-    apply(set, instance.variables);
-    for (const ParameterValue& value : set.values) instance.given.push_back(value.name);
+    const auto set =
+        read_once<ParameterSet>(settings.models(), "values\n" + values.string(), [&] { return load_parameter_set(values); });
+    apply(*set, instance.variables);
+    for (const ParameterValue& value : set->values) instance.given.push_back(value.name);
   }
   instance.warnings = settings.warnings();
   instance.robots = settings.robots_used();

@@ -49,10 +49,10 @@ struct Instance {
 
 /// Makes the unit of `source`, "unit:drive_train?robot=lwr4": constructs it, declares its variables and writes the start values
 /// of the file <unit>.ssv beside the robot's URDF, if there is one. Throws Error for an unknown unit or setting.
-/// `defaults_used`, if given, receives the names of the used `defaults`.
+/// `defaults_used`, if given, receives the names of the used `defaults`; `models` as for Settings.
 Instance make_unit(const std::string& source, const std::map<std::string, std::string>& defaults,
                    const std::vector<std::filesystem::path>& folders, std::span<const UnitType> types,
-                   std::vector<std::string>* defaults_used = nullptr);
+                   std::vector<std::string>* defaults_used = nullptr, std::shared_ptr<ModelStore> models = nullptr);
 
 /// The same from settings, which have the name of the unit and record which values were used.
 Instance make_unit(Settings& settings, std::span<const UnitType> types);

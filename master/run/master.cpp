@@ -70,7 +70,7 @@ void check_kept(std::span<const GivenState> states) {
 namespace {
 
 std::vector<Member> load(const Scenario& scenario, const MasterOptions& options) {
-  std::vector<Member> members = load_members(scenario, options.types, options.folders);
+  std::vector<Member> members = load_members(scenario, options.types, options.folders, options.models);
   const bool free = options.clock ? options.clock->never_waits() : scenario.clock.kind == ClockKind::kFree;
   put_on_threads(scenario, members, free ? ThreadMode::kWait : ThreadMode::kHold);
   return members;

@@ -6,7 +6,6 @@
 #include <optional>
 #include <string>
 
-#include "components/gateway/jobs/database.h"
 #include "components/gateway/jobs/jobs.h"
 #include "components/gateway/jobs/notifier.h"
 #include "components/gateway/jobs/store.h"
@@ -37,7 +36,7 @@ struct JobsCore {
   }
 
   JobsOptions options;
-  OwnerLock owner;
+  database::OwnerLock owner;
   std::mutex mutex;              // of all that follows
   std::condition_variable done;  // a job is done or removed
   JobStore store;

@@ -2,6 +2,7 @@
 
 namespace cotwin::gateway {
 
+inline constexpr int kApplication = 0x43774a62;  // "CwJb"
 inline constexpr int kSchemaVersion = 1;
 
 // Times are UTC in ms. AUTOINCREMENT: numbers are never used again. State 0: removed, the identifier stays reserved.

@@ -44,7 +44,7 @@ JobReply refused(ReturnStatus status, const std::string& id, const std::string& 
 }  // namespace
 
 JobStore::JobStore(const std::filesystem::path& file, StoreLimits limits)
-    : limits_(limits), database_(file, kSchemaVersion, kSchema) {}
+    : limits_(limits), database_(file, {kApplication, "one of jobs", kSchemaVersion, kSchema}) {}
 
 std::int64_t JobStore::next_version() {
   Statement next = database_.query("UPDATE totals SET value = value + 1 WHERE name = 'version' RETURNING value");

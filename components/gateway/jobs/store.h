@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "components/gateway/jobs/canonical.h"
-#include "components/gateway/jobs/database.h"
+#include "components/gateway/jobs/errors.h"
 #include "components/gateway/jobs/job.h"
 
 /// The tables of jobs, results and keys.
@@ -84,7 +84,7 @@ class JobStore {
   bool remove_result(std::string_view condition, std::int64_t value);
 
   StoreLimits limits_;
-  Database database_;
+  database::Database database_;
 };
 
 }  // namespace cotwin::gateway

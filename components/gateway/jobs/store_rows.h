@@ -6,11 +6,15 @@
 #include <variant>
 #include <vector>
 
-#include "components/gateway/jobs/database.h"
 #include "components/gateway/jobs/job.h"
+#include "models/foundation/database/database.h"
 
 /// Rows of the tables as values.
 namespace cotwin::gateway {
+
+using database::Database;
+using database::Statement;
+using database::Transaction;
 
 inline constexpr std::uint64_t kPageBytes = std::uint64_t{4} << 20;  // a page ends early at so many
 

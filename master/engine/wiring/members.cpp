@@ -197,7 +197,7 @@ void check_connector(const ConnectorSpec& connector, const Member& member, const
 
 Member load_member(const ComponentSpec& spec, const Scenario& scenario, std::span<const UnitType> types,
                    const std::vector<std::filesystem::path>& folders, fmu::FmuStore& fmus,
-                   std::vector<std::string>* settings_used) {
+                   std::vector<std::string>* settings_used, const std::shared_ptr<ModelStore>& models) {
   Member member{spec, {}};
   std::shared_ptr<const fmu::ForeignFmu> foreign;
   try {
@@ -205,7 +205,7 @@ Member load_member(const ComponentSpec& spec, const Scenario& scenario, std::spa
       if (const std::string tools = tools_with_shapes(scenario, spec.name);
           !tools.empty() && has_setting(spec.source, "tools", types))
         member.spec.source = with_setting(spec.source, "tools", tools);
-      member.instance = make_unit(member.spec.source, settings_for(scenario, spec.name), folders, types, settings_used);
+      member.instance = make_unit(member.spec.source, settings_for(scenario, spec.name), folders, types, settings_used, models);
       member.settings = settings_of(find_type(parse_unit_source(spec.source).unit, types));
     } else {
       const FmuSource source = fmu_source(spec, scenario);
@@ -265,13 +265,13 @@ bool reaches_outside(const Member& member) {
 }
 
 std::vector<Member> load_members(const Scenario& scenario, std::span<const UnitType> types,
-                                 const std::vector<std::filesystem::path>& folders) {
+                                 const std::vector<std::filesystem::path>& folders, const std::shared_ptr<ModelStore>& models) {
   std::vector<Member> members;
   std::vector<std::string> used;
   fmu::FmuStore fmus;
   for (const ComponentSpec& spec : scenario.components) {
     std::vector<std::string> asked;
-    members.push_back(load_member(spec, scenario, types, folders, fmus, &asked));
+    members.push_back(load_member(spec, scenario, types, folders, fmus, &asked, models));
     used.insert(used.end(), asked.begin(), asked.end());
     Member& member = members.back();
     for (const ConnectorSpec& connector : spec.connectors) check_connector(connector, member, scenario);

@@ -1,4 +1,4 @@
-#include "components/gateway/jobs/database.h"
+#include "models/foundation/database/database.h"
 
 #include <fcntl.h>
 #include <sqlite3.h>
@@ -13,12 +13,11 @@
 
 #include "models/foundation/support/atomic_file.h"
 
-namespace cotwin::gateway {
+namespace cotwin::database {
 
 namespace {
 
-constexpr int kApplication = 0x43774a62;  // "CwJb", application_id of the file
-constexpr int kBusy_ms = 2000;            // for a reader such as the program sqlite3 that holds a lock
+constexpr int kBusy_ms = 2000;  // for a reader such as the program sqlite3 that holds a lock
 
 [[noreturn]] void fail(sqlite3* database, const std::string& file) {
   const int code = sqlite3_extended_errcode(database);
@@ -95,9 +94,9 @@ std::string Statement::text(int column) const {
                           : std::string(bytes, static_cast<std::size_t>(sqlite3_column_bytes(statement_, column)));
 }
 
-Database::Database(const std::filesystem::path& file, std::int32_t version, const char* schema) : file_(file.string()) {
+Database::Database(const std::filesystem::path& file, const Purpose& purpose, bool check) : file_(file.string()) {
   try {
-    open(version, schema);
+    open(purpose, check);
   } catch (...) {
     for (const auto& [sql, statement] : statements_) sqlite3_finalize(statement);
     sqlite3_close(database_);
@@ -105,7 +104,8 @@ Database::Database(const std::filesystem::path& file, std::int32_t version, cons
   }
 }
 
-void Database::open(std::int32_t version, const char* schema) {
+void Database::open(const Purpose& purpose, bool check) {
+  const std::string what = purpose.what;
   // SQLite would give a new file, and those beside it, the mode that the umask leaves.
   if (const int created = ::open(file_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600); created >= 0) ::close(created);
   const int flags = SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE | SQLITE_OPEN_NOMUTEX;
@@ -121,29 +121,29 @@ void Database::open(std::int32_t version, const char* schema) {
     const bool empty = number_of("SELECT count(*) FROM sqlite_master") == 0;
     if (empty && number_of("PRAGMA user_version") == 0) {
       execute("PRAGMA auto_vacuum = INCREMENTAL");  // only before the first table
-    } else if (number_of("PRAGMA application_id") != kApplication) {
-      throw Error(file_, "is a database of another program, expected one of jobs or a new file");
+    } else if (number_of("PRAGMA application_id") != purpose.application) {
+      throw Error(file_, "is a database of another program, expected " + what + " or a new file");
     }
-    if (const std::int64_t found = number_of("PRAGMA user_version"); found > version)
-      throw Error(file_, "has version " + std::to_string(found) + ", expected at most " + std::to_string(version) +
+    if (const std::int64_t found = number_of("PRAGMA user_version"); found > purpose.version)
+      throw Error(file_, "has version " + std::to_string(found) + ", expected at most " + std::to_string(purpose.version) +
                              ": it was written by a newer cotwin");
     execute("PRAGMA journal_mode = WAL");
     execute("PRAGMA journal_size_limit = 16777216");
     execute("PRAGMA trusted_schema = OFF");
-    Statement check = prepare("PRAGMA quick_check(1)");
-    if (check.step() && check.text(0) != "ok")
-      throw Error(file_, "is damaged (" + check.text(0) + "), expected an intact database; restore it or move it away");
+    Statement checked = prepare(check ? "PRAGMA quick_check(1)" : "SELECT 'ok'");
+    if (checked.step() && checked.text(0) != "ok")
+      throw Error(file_, "is damaged (" + checked.text(0) + "), expected an intact database; restore it or move it away");
   } catch (const DatabaseError& error) {
     if (const int code = sqlite3_errcode(database_) & 0xff; code == SQLITE_NOTADB || code == SQLITE_CORRUPT)
-      throw Error(file_, std::string("is damaged or no SQLite database (") + sqlite3_errmsg(database_) +
-                             "), expected one of jobs; restore it or move it away");
+      throw Error(file_, std::string("is damaged or no SQLite database (") + sqlite3_errmsg(database_) + "), expected " + what +
+                             "; restore it or move it away");
     throw;
   }
   Transaction transaction(*this, true);
   if (Statement statement = prepare("PRAGMA user_version"); statement.step() && statement.integer(0) == 0) {
-    execute(schema);
-    execute(("PRAGMA application_id = " + std::to_string(kApplication)).c_str());
-    execute(("PRAGMA user_version = " + std::to_string(version)).c_str());
+    execute(purpose.schema.c_str());
+    execute(("PRAGMA application_id = " + std::to_string(purpose.application)).c_str());
+    execute(("PRAGMA user_version = " + std::to_string(purpose.version)).c_str());
   }
   transaction.commit();
 }
@@ -189,4 +189,4 @@ void Transaction::commit() {
   done_ = true;
 }
 
-}  // namespace cotwin::gateway
+}  // namespace cotwin::database

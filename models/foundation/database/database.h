@@ -1,4 +1,5 @@
 #pragma once
+#include <chrono>
 #include <cstdint>
 #include <filesystem>
 #include <map>
@@ -8,14 +9,21 @@
 #include <string_view>
 #include <utility>
 
-#include "components/gateway/jobs/errors.h"
-#include "components/gateway/jobs/job.h"
+#include "models/foundation/support/error.h"
 
 struct sqlite3;
 struct sqlite3_stmt;
 
 /// SQLite behind values and exceptions. Not thread-safe.
-namespace cotwin::gateway {
+namespace cotwin::database {
+
+using UtcTime = std::chrono::sys_time<std::chrono::milliseconds>;
+
+/// A statement of SQLite failed: disk full, file damaged, no permission.
+class DatabaseError : public Error {
+ public:
+  using Error::Error;
+};
 
 /// A file that one process at a time may own: <database>.owner. The kernel releases it when the process ends, however it ends.
 class OwnerLock {
@@ -79,11 +87,19 @@ class Statement {
   int next_ = 1;
 };
 
+/// What a database is for, and its tables.
+struct Purpose {
+  std::int32_t application;  // application_id of the file
+  const char* what;          // "one of jobs", for messages
+  std::int32_t version;      // of the tables
+  std::string schema;        // statements that create them
+};
+
 class Database {
  public:
-  /// Opens or creates the file, in WAL mode. `schema`: statements that create the tables of this version. Throws Error if it
-  /// is damaged, of another program or a newer version, or cannot be written.
-  Database(const std::filesystem::path& file, std::int32_t version, const char* schema);
+  /// Opens or creates the file, in WAL mode. `check`: reads all of it first. Throws Error if it is damaged, of another program or a
+  /// newer version, or cannot be written.
+  Database(const std::filesystem::path& file, const Purpose& purpose, bool check = true);
   ~Database();
   Database(const Database&) = delete;
   Database& operator=(const Database&) = delete;
@@ -105,7 +121,7 @@ class Database {
 
  private:
   Statement prepare(const std::string& sql);
-  void open(std::int32_t version, const char* schema);
+  void open(const Purpose& purpose, bool check);
 
   std::string file_;
   sqlite3* database_ = nullptr;
@@ -127,4 +143,4 @@ class Transaction {
   bool done_ = false;
 };
 
-}  // namespace cotwin::gateway
+}  // namespace cotwin::database
