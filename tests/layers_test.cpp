@@ -175,7 +175,7 @@ const std::map<std::string, std::vector<std::string>> kRooms = {
     {"fmu", {"", "archive", "description", "import", "import/unit", "process", "check", "export"}},
     {"master",
      {"scenario", "engine/wiring", "engine/coupling", "engine", "clock", "run", "twin", "services", "results", "report",
-      "workflows/starter", "workflows/tuning", "workflows", "farm", "view", "api", "python", "program", "program/commands"}},
+      "workflows/starter", "workflows/tuning", "workflows", "farm", "view", "api", "python", "program", "program/commands", "program/commands/run"}},
 };
 
 /// Includes against the order, each for a reason.

@@ -38,6 +38,9 @@ class ModelStore {
   std::map<std::string, std::shared_ptr<const void>> all_;
 };
 
+/// Beginning of the keys of start values (ParameterSet).
+inline constexpr const char* kValuesKey = "values\n";
+
 /// As get() of `store`, or by `read` alone without one.
 template <class T, class Read>
 std::shared_ptr<const T> read_once(ModelStore* store, const std::string& key, Read read) {

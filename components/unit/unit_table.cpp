@@ -71,7 +71,7 @@ Instance make_unit(Settings& settings, std::span<const UnitType> types) {
     const std::filesystem::path values = robot.parent_path() / (settings.unit() + ".ssv");
     if (robot.filename() != "robot.urdf" || !std::filesystem::exists(values)) continue;
     const auto set =
-        read_once<ParameterSet>(settings.models(), "values\n" + values.string(), [&] { return load_parameter_set(values); });
+        read_once<ParameterSet>(settings.models(), kValuesKey + values.string(), [&] { return load_parameter_set(values); });
     apply(*set, instance.variables);
     for (const ParameterValue& value : set->values) instance.given.push_back(value.name);
   }

@@ -141,6 +141,7 @@ int run(int argc, char** argv) {
   add_report(app, chosen);
   add_tool(app, chosen);
   add_search(app, chosen);
+  add_farm(app, chosen);
   add_robot(app, chosen);
   add_ask(app, chosen);
   add_serve(app, chosen);
@@ -149,7 +150,7 @@ int run(int argc, char** argv) {
   add_plot(app, chosen);
   add_manual(app, chosen);
   add_completion(app, chosen);
-  for (const char* name : {"run", "search", "robot", "view", "pack", "check", "units", "describe", "reference"})
+  for (const char* name : {"run", "search", "farm", "robot", "view", "pack", "check", "units", "describe", "reference"})
     add_units_option(*app.get_subcommand(name));
 
   try {

@@ -8,6 +8,7 @@
 #include "master/engine/wiring/members.h"
 #include "master/run/master.h"
 #include "master/scenario/folders.h"
+#include "master/workflows/watched.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
 
@@ -44,65 +45,6 @@ struct Varied {
   double width = 0;  // at the start
 };
 
-/// The text without its numbers, by which warnings of runs with different values are compared.
-std::string without_numbers(const std::string& text) {
-  std::string rest;
-  for (std::size_t k = 0; k < text.size(); ++k) {
-    const auto is_digit = [&](std::size_t at) { return at < text.size() && text[at] >= '0' && text[at] <= '9'; };
-    const bool is_part = text[k] == '.' || text[k] == 'e' || text[k] == '-' || text[k] == '+';
-    if (!is_digit(k) && !(is_part && (is_digit(k + 1) || (k > 0 && is_digit(k - 1))))) rest += text[k];
-  }
-  return rest;
-}
-
-/// "component.variable", true or not 0, or a comparison of it with a number: "component.variable>0.1"
-struct Condition {
-  explicit Condition(const std::string& text) : place("--until " + text) {
-    const std::size_t at = text.find_first_of("<>");
-    name = std::string(text::trim(std::string_view(text).substr(0, at)));
-    if (at == std::string::npos) return;
-    sign = text[at];
-    or_equal = at + 1 < text.size() && text[at + 1] == '=';
-    const auto number = text::parse_real(text::trim(std::string_view(text).substr(at + (or_equal ? 2 : 1))));
-    if (!number || std::isnan(*number))
-      throw Error(place, "expected a variable, or a comparison of one with a number, as world.x>0.1");
-    limit = *number;
-  }
-  bool holds(double value) const {
-    if (sign == '>') return or_equal ? value >= limit : value > limit;
-    if (sign == '<') return or_equal ? value <= limit : value < limit;
-    return value != 0;
-  }
-  std::string place, name;
-  char sign = 0;
-  bool or_equal = false;
-  double limit = 0;
-};
-
-/// A variable as numbers; booleans are 0 or 1.
-class Watched {
- public:
-  Watched(std::span<const Member> members, const std::string& name, const std::string& place)
-      : signal_(find_signal(members, name, place)) {
-    if (signal_.variable->kind() == Kind::kString) throw Error(place, name + " is a text, expected numbers");
-  }
-  std::size_t size() const { return signal_.count; }
-  double at(std::size_t element) const {
-    const Variable& v = *signal_.variable;
-    const std::size_t k = signal_.first + element;
-    if (v.kind() == Kind::kReal) return v.reals()[k];
-    return v.kind() == Kind::kInteger ? v.integers()[k] : static_cast<double>(v.booleans()[k]);
-  }
-  double largest() const {
-    double most = 0;
-    for (std::size_t k = 0; k < size(); ++k) most = std::max(most, std::abs(at(k)));
-    return most;
-  }
-
- private:
-  Signal signal_;
-};
-
 }  // namespace
 
 class ParameterSearch::Impl {
@@ -112,7 +54,7 @@ class ParameterSearch::Impl {
         types_(types),
         hooks_(std::move(hooks)),
         varied_(settings.vary),
-        condition_(settings.until),
+        condition_(settings.until, "--until " + settings.until),
         scenario_(load_scenario(settings.file)) {
     scenario_.folder = std::filesystem::current_path() / scenario_.folder;  // an FMU may call chdir()
     for (const std::string& assignment : settings.set) assign(scenario_, assignment, types_);

@@ -30,6 +30,7 @@ void add_perturb(CLI::App& app, Chosen& chosen);
 void add_report(CLI::App& app, Chosen& chosen);
 void add_tool(CLI::App& app, Chosen& chosen);
 void add_search(CLI::App& app, Chosen& chosen);
+void add_farm(CLI::App& app, Chosen& chosen);
 void add_fit_energy(CLI::App& app, Chosen& chosen);
 void add_robot(CLI::App& app, Chosen& chosen);
 void add_ask(CLI::App& app, Chosen& chosen);
@@ -44,7 +45,8 @@ void add_completion(CLI::App& app, Chosen& chosen);
 struct ScenarioRun {
   std::filesystem::path file, out;
   std::vector<std::string> set, record;
-  std::optional<double> stop;  // s
+  std::optional<double> stop{};  // s
+  std::string view{};            // --view: a port, or "true" for any; empty: not given
   bool quiet = false;
   bool plain = false;                  // gateways of the scenario show no page of the run
   std::function<void()> started = {};  // called when the first tick is about to begin

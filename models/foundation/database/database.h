@@ -76,6 +76,7 @@ class Statement {
   std::string text(int column) const;
   UtcTime time(int column) const { return UtcTime(std::chrono::milliseconds(integer(column))); }
   bool is_null(int column) const;
+  bool is_real(int column) const;
   std::optional<UtcTime> optional_time(int column) const {
     return is_null(column) ? std::nullopt : std::optional<UtcTime>(time(column));
   }

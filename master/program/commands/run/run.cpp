@@ -1,7 +1,7 @@
 // cotwin run: runs a scenario, a package, or one FMU with the option names of fmusim (Reference FMUs).
 #include <memory>
 
-#include "master/program/commands/run_arguments.h"
+#include "master/program/commands/run/run_arguments.h"
 #include "models/foundation/support/choice.h"
 #include "models/foundation/support/error.h"
 

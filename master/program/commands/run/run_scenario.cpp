@@ -13,7 +13,7 @@
 
 #include "master/engine/wiring/members.h"
 #include "master/program/browser.h"
-#include "master/program/commands/run_arguments.h"
+#include "master/program/commands/run/run_arguments.h"
 #include "master/program/interrupt.h"
 #include "master/program/progress_line.h"
 #include "master/program/view_server.h"
@@ -449,6 +449,7 @@ int run_scenario(const ScenarioRun& run) {
   arguments.set = run.set;
   arguments.record = run.record;
   arguments.stop = run.stop;
+  arguments.view = run.view;
   arguments.quiet = run.quiet;
   arguments.started = run.started;
   arguments.plain = run.plain;

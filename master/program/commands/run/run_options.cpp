@@ -1,6 +1,6 @@
 #include <nlohmann/json.hpp>
 
-#include "master/program/commands/run_arguments.h"
+#include "master/program/commands/run/run_arguments.h"
 #include "models/foundation/support/choice.h"
 #include "models/foundation/support/error.h"
 

@@ -1,0 +1,288 @@
+#include "master/farm/farm.h"
+
+#include <malloc.h>
+
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <cmath>
+#include <condition_variable>
+#include <deque>
+#include <exception>
+#include <mutex>
+#include <optional>
+#include <thread>
+#include <type_traits>
+#include <utility>
+#include <variant>
+
+#include "components/robot_files/robot_files.h"
+#include "fmu/export/package.h"
+#include "master/run/master.h"
+#include "master/scenario/folders.h"
+#include "models/foundation/support/bytes.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/file_hash.h"
+#include "models/foundation/support/text.h"
+
+namespace cotwin::master {
+
+namespace {
+
+using WallClock = std::chrono::steady_clock;
+
+constexpr std::size_t kMostWaiting = 4096;  // rows that wait for the registry
+constexpr double kMostSeconds = 9e9;        // 2^63 ns is 9.22e9 s
+
+double seconds_since(WallClock::time_point begin) { return std::chrono::duration<double>(WallClock::now() - begin).count(); }
+
+}  // namespace
+
+Farm::Farm(Study study, std::span<const UnitType> types)
+    : study_(std::move(study)), types_(types), scenario_(load_scenario(study_.scenario)) {
+  scenario_.folder = std::filesystem::current_path() / scenario_.folder;
+  folders_ = model_folders(scenario_.folder);
+  if (study_.stop) {
+    if (!(std::abs(*study_.stop) <= kMostSeconds))
+      throw Error("stop_s", text::to_text(*study_.stop) + ", expected " + text::to_text(kMostSeconds) + " s at most");
+    scenario_.stop = Time::from_seconds(*study_.stop);
+  }
+  scenario_.clock = {};
+  for (ComponentSpec& component : scenario_.components) {
+    if (!is_unit(component)) component.process = fmu::ProcessChoice::kOwn;
+  }
+  try_values();
+}
+
+Scenario Farm::scenario_of(const std::vector<std::string>& point) const {
+  Scenario scenario = scenario_;
+  for (const std::string& assignment : study_.assignments(point)) assign(scenario, assignment, types_);
+  return scenario;
+}
+
+Master Farm::master_of(Scenario scenario) const {
+  MasterOptions options;
+  options.types = types_;
+  options.folders = folders_;
+  options.models = models_;
+  options.threads = 1;
+  return Master(std::move(scenario), std::move(options));
+}
+
+void Farm::try_values() {
+  const std::vector<std::string> first = study_.design.point(1);
+  const auto attempt = [&](const std::vector<std::string>& point) {
+    Scenario scenario = scenario_of(point);
+    scenarios_ = scenarios_ * 0x100000001b3u ^ hash_of(scenario);
+    Master master = master_of(std::move(scenario));
+    for (const Member& member : master.members()) {
+      if (reaches_outside(member))
+        throw Error("component '" + member.name() + "'",
+                    "reaches a robot, a bus or a network, expected none in a study: many runs would reach it at once");
+      member.variables().check_ranges();
+    }
+    return master;
+  };
+  Master master = attempt(first);
+  name_figures(master);
+  for (std::size_t k = 0; k < first.size(); ++k) {
+    const Factor& factor = study_.design.factors[k];
+    for (const std::string& value : factor.distribution.extremes()) {
+      std::vector<std::string> point = first;
+      point[k] = value;
+      try {
+        attempt(point);
+      } catch (const Error& error) {
+        throw Error(factor.name + "=" + value, error.what());
+      }
+    }
+  }
+}
+
+void Farm::name_figures(Master& master) {
+  keep_ = study_.keep;
+  const auto read_names = [&] {
+    figures_.clear();
+    for (Figures::Named& figure : Figures(keep_, master).all(master.summary())) figures_.push_back(std::move(figure.name));
+  };
+  read_names();
+  for (const std::string& text : study_.success) {
+    const Condition condition = success_condition(text);
+    if (std::ranges::find(figures_, condition.name) != figures_.end()) continue;
+    keep_.push_back(condition.name);
+    read_names();
+  }
+  for (const std::string& text : study_.success) {
+    Condition condition = success_condition(text);
+    const auto at = std::ranges::find(figures_, condition.name);
+    if (at == figures_.end())
+      throw Error(condition.place, "has several elements, expected one of them, as in " + condition.name + "[1]");
+    success_.emplace_back(std::move(condition), static_cast<std::size_t>(at - figures_.begin()));
+  }
+  if (figures_.empty())
+    throw Error("keep", "nothing is kept of a run, expected figures, or a variable as in 'peak world.force'");
+}
+
+Facts Farm::facts(const Build& build) const {
+  ByteWriter models;
+  fmu::Package package;
+  for (const auto& robot : models_->all<FoundRobot>(kRobotKey)) {
+    package.robot = {robot, &robot->model};
+    models.text(fmu::serialise(package));
+  }
+  for (const auto& cell : models_->all<FoundCell>(kCellKey)) {
+    package.cell = {cell, &cell->cell};
+    models.text(fmu::serialise(package));
+  }
+  for (const auto& set : models_->all<ParameterSet>(kValuesKey)) {
+    for (const ParameterValue& given : set->values) {
+      models.text(given.name + " in " + given.unit);
+      std::visit(
+          [&](const auto& value) {
+            if constexpr (std::is_same_v<std::decay_t<decltype(value)>, std::string>) {
+              models.text(value);
+            } else {
+              models.value(static_cast<double>(value));
+            }
+          },
+          given.value);
+    }
+  }
+  return {{"study", study_.text},
+          {"table", study_.table.empty() ? "none" : hexadecimal(hash_of_file(study_.table))},
+          {"scenario", hexadecimal(scenarios_)},
+          {"models", hexadecimal(cotwin::hash_of(models.bytes()))},
+          {"program", "cotwin " + build.version + " (build " + hexadecimal(build.file) + ")"},
+          {"instruction set", build.cpu}};
+}
+
+RunRow Farm::run(std::int64_t number, const std::function<bool()>& stops) const {
+  RunRow row;
+  row.run = number;
+  row.values = study_.design.point(number);
+  const WallClock::time_point begin = WallClock::now();
+  std::optional<Master> master;
+  try {
+    master.emplace(master_of(scenario_of(row.values)));
+    Figures figures(keep_, *master);
+    master->initialise();
+    figures.sample();
+    while (!stops() && master->step_tick()) {
+      figures.sample();
+      if (seconds_since(begin) > study_.limit)
+        throw Error("limit_s", "the run has taken " + text::to_text(study_.limit) +
+                                   " s and is at t = " + text::to_text(master->now().seconds()) + " s");
+    }
+    master->finish();
+    const Summary summary = master->summary();
+    const std::vector<Figures::Named> all = figures.all(summary);
+    for (std::size_t k = 0; k < figures_.size(); ++k) {
+      if (k >= all.size() || all[k].name != figures_[k])
+        throw Error(figures_[k], "is not a figure of this run, expected the figures of run 1");
+    }
+    row.warnings = summary.warnings;
+    for (const auto& [condition, figure] : success_) {
+      if (std::isnan(all[figure].value)) throw Error(condition.place, "the value is not a number");
+      row.success = row.success.value_or(true) && condition.holds(all[figure].value);
+    }
+    for (const Figures::Named& figure : all) row.figures.push_back(figure.value);
+  } catch (const std::exception& error) {
+    row.failure = error.what();
+    row.success.reset();
+  }
+  if (master) row.time = master->now().seconds();
+  row.seconds = seconds_since(begin);
+  return row;
+}
+
+bool Farm::fill(Registry& registry, int threads, const FarmHooks& hooks) const {
+  const std::vector<bool> over = registry.over(study_.design.runs);
+  const Registry::Totals before = registry.totals();
+  std::int64_t ended = before.done + before.failed, failed = before.failed;
+  registry.begin_session(threads);
+
+  std::mutex mutex;
+  std::condition_variable has_rows, has_room;
+  std::deque<RunRow> rows;
+  std::int64_t next = 0;
+  int working = threads;
+  std::exception_ptr trouble;
+  std::atomic<bool> ends = false;
+  const auto stops = [&] { return ends || hooks.stops(); };
+  const auto work = [&] {
+    for (;;) {
+      std::int64_t number = 0;
+      {
+        std::unique_lock lock(mutex);
+        has_room.wait(lock, [&] { return ends || rows.size() < kMostWaiting; });
+        while (next < study_.design.runs && over[static_cast<std::size_t>(next)]) ++next;
+        if (stops() || next >= study_.design.runs) break;
+        number = ++next;
+      }
+      RunRow row;
+      try {
+        row = run(number, stops);
+      } catch (...) {
+        const std::lock_guard lock(mutex);
+        trouble = std::current_exception();
+        ends = true;
+        break;
+      }
+      if (stops()) break;  // perhaps in its middle
+      const std::lock_guard lock(mutex);
+      rows.push_back(std::move(row));
+      has_rows.notify_one();
+    }
+    const std::lock_guard lock(mutex);
+    --working;
+    has_rows.notify_one();
+  };
+  std::vector<std::jthread> workers;
+  for (int k = 0; k < threads; ++k) workers.emplace_back(work);
+  try {
+    for (bool is_last = false; !is_last;) {
+      std::deque<RunRow> batch;
+      {
+        std::unique_lock lock(mutex);
+        has_rows.wait_for(lock, std::chrono::milliseconds(200), [&] { return !rows.empty() || working == 0; });
+        batch.swap(rows);
+        is_last = working == 0;
+        has_room.notify_all();
+      }
+      if (!batch.empty()) registry.add(std::vector<RunRow>(batch.begin(), batch.end()));
+      ended += static_cast<std::int64_t>(batch.size());
+      failed += std::ranges::count_if(batch, [](const RunRow& row) { return !row.failure.empty(); });
+      hooks.progress(ended, failed);
+    }
+  } catch (...) {
+    {
+      const std::lock_guard lock(mutex);
+      ends = true;
+    }
+    has_room.notify_all();
+    workers.clear();
+    throw;
+  }
+  workers.clear();
+  if (trouble) std::rethrow_exception(trouble);
+  return ended == study_.design.runs;
+}
+
+std::size_t Farm::bytes_of_twin() const {
+  const auto used = [] { return mallinfo2().uordblks + mallinfo2().hblkhd; };
+  const std::size_t before = used();
+  Master master = master_of(scenario_of(study_.design.point(1)));
+  master.initialise();
+  return used() - before;
+}
+
+std::string difference(Registry& registry, const Facts& now) {
+  std::string all;
+  for (const auto& [name, value] : now) {
+    if (const std::string was = registry.fact(name); was != value)
+      text::append(all, "the " + name + " is " + value + ", was " + was, "; ");
+  }
+  return all;
+}
+
+}  // namespace cotwin::master

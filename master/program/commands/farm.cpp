@@ -1,0 +1,340 @@
+// cotwin farm: the runs of a study on all cores; resume, status, export, repeat.
+#include <fstream>
+#include <iostream>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <thread>
+
+#include "components/services/json/json.h"
+#include "components/services/json/request.h"
+#include "master/farm/farm.h"
+#include "master/program/commands/commands.h"
+#include "master/program/interrupt.h"
+#include "master/program/progress_line.h"
+#include "master/results/results_folder.h"
+#include "models/foundation/support/atomic_file.h"
+#include "models/foundation/support/choice.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/file.h"
+#include "models/foundation/support/text.h"
+
+namespace cotwin::master {
+
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+struct FarmArguments {
+  fs::path file, out, csv;  // file: a study or a scenario, or the folder of a study
+  std::vector<std::string> vary, set, keep, success;
+  std::string design, table, view, json;
+  std::optional<std::int64_t> runs, seed;
+  std::optional<double> stop, limit;
+  int threads = static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
+  bool dry_run = false, quiet = false;
+  std::int64_t run = 0;  // of repeat
+};
+
+/// The study of a file, or nothing but the scenario of one.
+Json read_file(const fs::path& file) {
+  if (file.extension() != ".json") return Json{{"scenario", fs::absolute(file).string()}};
+  try {
+    return services::parse_object(text::read_file(file, "a study (.json)"));
+  } catch (const services::RequestError& error) {
+    throw Error(file.string(), error.detail());
+  }
+}
+
+/// Options replace members of the file.
+Json with_options(Json study, const FarmArguments& a) {
+  for (const std::string& given : a.vary) {
+    const std::size_t equals = given.find('=');
+    if (equals == std::string::npos || equals == 0)
+      throw Error("--vary " + given, "expected NAME=LOW:HIGH, NAME=normal:MEAN:DEVIATION or NAME=VALUE,VALUE");
+    study["vary"][given.substr(0, equals)] = distribution_of(std::string_view(given).substr(equals + 1));
+  }
+  const auto replace = [&](const char* name, const auto& value, bool given) {
+    if (given) study[name] = value;
+  };
+  replace("set", a.set, !a.set.empty());
+  replace("keep", a.keep, !a.keep.empty());
+  replace("success", a.success, !a.success.empty());
+  replace("design", a.design, !a.design.empty());
+  if (!a.table.empty()) study["table"] = fs::absolute(a.table).string();
+  if (a.runs) study["runs"] = *a.runs;
+  if (a.seed) study["seed"] = *a.seed;
+  if (a.stop) study["stop_s"] = *a.stop;
+  if (a.limit) study["limit_s"] = *a.limit;
+  return study;
+}
+
+std::string percent(double share) { return text::to_text(100 * share, 3) + " %"; }
+std::string bytes(double n) { return n < 2e6 ? text::to_text(n / 1e3, 3) + " kB" : text::to_text(n / 1e6, 3) + " MB"; }
+
+void print(std::ostream& out, const std::string& name, std::int64_t runs, Registry& registry) {
+  const Registry::Totals t = registry.totals();
+  out << name << ": " << t.done + t.failed << " of " << text::counted(runs, "run") << ", " << t.failed << " failed";
+  if (t.judged > 0)
+    out << "; success in " << t.successes << " of " << t.judged << " ("
+        << percent(static_cast<double>(t.successes) / static_cast<double>(t.judged)) << ")";
+  out << '\n';
+  for (const Registry::Message& message : registry.messages()) {
+    out << (message.failure ? "  failed: " : "  warning: ") << text::counted(message.runs, "run") << ", first " << message.run
+        << ": " << message.text << '\n';
+  }
+  for (const Registry::Spread& s : registry.spreads()) {
+    out << "  " << s.name << ": ";
+    if (s.count == 0) {
+      out << "in no run\n";
+    } else {
+      out << text::to_text(s.min, 6) << " to " << text::to_text(s.max, 6) << ", mean " << text::to_text(s.mean, 6) << '\n';
+    }
+  }
+}
+
+Json json_of(const std::string& name, const fs::path& folder, std::int64_t runs, Registry& registry) {
+  const Registry::Totals t = registry.totals();
+  Json j{{"study", name},      {"folder", folder.string()}, {"runs", runs},
+         {"done", t.done},     {"failed", t.failed},        {"success", t.judged > 0 ? Json(t.successes) : Json()},
+         {"judged", t.judged}, {"seconds", t.seconds}};
+  j["figures"] = Json::object();
+  for (const Registry::Spread& s : registry.spreads())
+    j["figures"][s.name] = {{"runs", s.count}, {"min", s.min}, {"mean", s.mean}, {"max", s.max}};
+  j["messages"] = Json::array();
+  for (const Registry::Message& m : registry.messages())
+    j["messages"].push_back({{"failure", m.failure}, {"text", m.text}, {"run", m.run}, {"runs", m.runs}});
+  return j;
+}
+
+void report(const FarmArguments& a, const std::string& name, const fs::path& folder, std::int64_t runs, Registry& registry) {
+  if (!a.json.empty()) {
+    const std::string text = json_of(name, folder, runs, registry).dump(2) + "\n";
+    if (a.json == "-") {
+      std::cout << text;
+    } else {
+      write_file(a.json, text);
+    }
+  }
+  if (!a.quiet && a.json != "-") print(std::cout, name, runs, registry);
+}
+
+/// Makes what the registry lacks. Returns the exit code.
+int fill(const FarmArguments& a, const Farm& farm, const fs::path& folder, Registry& registry) {
+  note_signals();
+  const std::int64_t runs = farm.study().design.runs;
+  bool is_over = false;
+  {
+    ProgressLine line(!a.quiet);
+    const FarmHooks hooks{[] { return stop_signal() != 0; },
+                          [&](std::int64_t over, std::int64_t failed) {
+                            if (!line.is_due()) return;
+                            line.update("run " + std::to_string(over) + " of " + std::to_string(runs) +
+                                            (failed > 0 ? ", " + std::to_string(failed) + " failed" : ""),
+                                        static_cast<double>(over) / static_cast<double>(runs));
+                          }};
+    is_over = farm.fill(registry, a.threads, hooks);
+  }
+  report(a, farm.study().name, folder, runs, registry);
+  if (!is_over) {
+    std::cerr << "cotwin: stopped by " << name_of_signal(stop_signal()) << "; continue with: cotwin farm resume "
+              << folder.string() << '\n';
+    return kExitSignalled + stop_signal();
+  }
+  return registry.totals().done > 0 ? kExitDone : kExitRunFailed;
+}
+
+/// What the runs will need, from a few of them.
+int dry_run(const Farm& farm, const FarmArguments& a) {
+  note_signals();
+  constexpr double kMostSeconds = 20;
+  const std::int64_t runs = farm.study().design.runs;
+  double seconds = 0, made = 0;
+  for (const std::int64_t number : {std::int64_t{1}, (runs + 1) / 2, runs}) {
+    if (seconds > kMostSeconds) break;
+    const RunRow row = farm.run(number, [] { return stop_signal() != 0; });
+    if (stop_signal() != 0) return kExitSignalled + stop_signal();
+    seconds += row.seconds;
+    ++made;
+    if (!row.failure.empty()) std::cout << "run " << number << " fails: " << row.failure << '\n';
+  }
+  const double all = static_cast<double>(runs) * seconds / made;
+  const auto columns = static_cast<double>(farm.study().design.factors.size() + farm.figures().size());
+  std::cout << farm.study().name << ": " << text::counted(runs, "run") << " of " << duration_text(seconds / made) << ", "
+            << duration_text(all / a.threads) << " on " << text::counted(a.threads, "thread") << "; disk "
+            << bytes(static_cast<double>(runs) * (9 * columns + 40)) << "; memory "
+            << bytes(static_cast<double>(farm.bytes_of_twin())) << " a twin\n"
+            << "  kept: " << text::joined(farm.figures()) << '\n';
+  return kExitDone;
+}
+
+/// "runs is 50, was 40": members of the study's file that have changed.
+std::string changes(const Json& now, const Json& was) {
+  std::string all;
+  Json both = was;
+  both.update(now);
+  for (const auto& [name, unused] : both.items()) {
+    const auto value = [&name = name](const Json& j) { return j.contains(name) ? j[name].dump() : std::string("missing"); };
+    if (value(now) != value(was)) text::append(all, name + " is " + value(now) + ", was " + value(was), "; ");
+  }
+  return all;
+}
+
+/// The study of a folder, in the working directory where it began.
+Study stored_study(Registry& registry, const fs::path& folder) {
+  const fs::path origin = registry.fact("folder");
+  std::error_code error;
+  fs::current_path(origin, error);
+  if (error) throw Error(folder.string(), "began in " + origin.string() + ", which cannot be entered: " + error.message());
+  return read_study(Json::parse(registry.fact("study")), folder.string(), origin);
+}
+
+int begin(FarmArguments a) {
+  end_on_signals(" while the study is prepared; nothing was written\n");
+  const Json file = read_file(a.file);
+  const bool is_study = a.file.extension() == ".json";
+  Study study =
+      read_study(with_options(file, a), a.file.string(), is_study ? fs::absolute(a.file).parent_path() : fs::current_path());
+  const Farm farm(std::move(study), units());
+  if (a.dry_run) return dry_run(farm, a);
+  const fs::path folder = a.out.empty() ? fs::path("results") / (file_name_of(farm.study().name) + ".farm") : a.out;
+  Facts facts = farm.facts(this_build());
+  facts.emplace_back("folder", fs::current_path().string());
+  facts.emplace_back("file", is_study ? fs::absolute(a.file).string() : "");
+  facts.emplace_back("content", file.dump());
+  std::vector<std::string> factors;
+  for (const Factor& factor : farm.study().design.factors) factors.push_back(factor.name);
+  Registry registry(folder, facts, factors, farm.figures());
+  return fill(a, farm, folder, registry);
+}
+
+int resume(FarmArguments a) {
+  end_on_signals(" while the study is prepared\n");
+  const fs::path shown = a.file, folder = fs::absolute(a.file);
+  if (!a.json.empty() && a.json != "-") a.json = fs::absolute(a.json).string();
+  Registry registry(folder, false);
+  const Farm farm(stored_study(registry, shown), units());
+  std::string differs = difference(registry, farm.facts(this_build()));
+  if (const fs::path file = registry.fact("file"); !file.empty() && fs::exists(file))
+    text::append(differs, changes(read_file(file), Json::parse(registry.fact("content"))), differs.empty() ? "" : "; ");
+  if (!differs.empty())
+    throw Error(shown.string(), "cannot be resumed, its runs would not belong together: " + differs + "; expected no change");
+  return fill(a, farm, shown, registry);
+}
+
+int status(const FarmArguments& a) {
+  Registry registry(a.file, true);
+  const Study study = stored_study(registry, a.file);
+  report(a, study.name, a.file, study.design.runs, registry);
+  return kExitDone;
+}
+
+int export_runs(const FarmArguments& a) {
+  Registry registry(a.file, true);
+  if (a.csv.empty() || a.csv == "-") {
+    registry.write(std::cout);
+    if (!std::cout.flush()) throw Error("stdout", "cannot be written");
+  } else {
+    AtomicFile file(a.csv);
+    registry.write(file.stream());
+    file.commit();
+  }
+  return kExitDone;
+}
+
+int repeat(const FarmArguments& a) {
+  const fs::path folder = fs::absolute(a.file), here = fs::current_path();
+  ScenarioRun run;
+  {
+    Registry registry(folder, true);
+    const Study study = stored_study(registry, a.file);
+    if (a.run < 1 || a.run > study.design.runs)
+      throw Error("RUN", std::to_string(a.run) + ", expected 1 to " + std::to_string(study.design.runs));
+    run.file = study.scenario;
+    run.stop = study.stop;
+    run.set = study.assignments(study.design.point(a.run));
+  }
+  run.out = a.out.empty() ? folder / ("run_" + std::to_string(a.run)) : here / a.out;
+  run.view = a.view;
+  run.quiet = a.quiet;
+  if (!a.quiet) {
+    std::cout << "cotwin run " << run.file.string() << (run.stop ? " --stop " + text::to_text(*run.stop) : "");
+    for (const std::string& assignment : run.set) std::cout << " --set '" << assignment << "'";
+    std::cout << std::endl;
+  }
+  return run_scenario(run);
+}
+
+}  // namespace
+
+void add_farm(CLI::App& app, Chosen& chosen) {
+  const auto all = std::make_shared<FarmArguments>();
+  CLI::App* farm = app.add_subcommand("farm", "Run a study: many runs of a scenario with different values, on all cores");
+  const auto texts = [&](const char* name, std::vector<std::string>& to, const char* what, const char* type) {
+    farm->add_option(name, to, what)->type_name(type)->allow_extra_args(false);
+  };
+  const auto add_common = [&](CLI::App* command) {
+    command->add_option("--threads", all->threads, "Number of threads")
+        ->check(CLI::Range(1, 1024))
+        ->type_name("N")
+        ->capture_default_str();
+    command->add_option("--json", all->json, "Write the figures as JSON, to stdout with -")->type_name("FILE|-");
+    command->add_flag("--quiet", all->quiet, "No progress and no table");
+  };
+  farm->add_option("FILE", all->file, "Study (.json, docs/farm.md), or a scenario (.ssd, .ssp) with the options of a study")
+      ->type_name("FILE");
+  texts("--vary", all->vary,
+        "What varies: NAME=LOW:HIGH (uniform), NAME=normal:MEAN:DEVIATION or another distribution, NAME=VALUE,VALUE; may be "
+        "repeated",
+        "NAME=DISTRIBUTION");
+  farm->add_option("--table", all->table, "CSV file with a column for each name and a row for each run, in place of --vary")
+      ->type_name("FILE");
+  farm->add_option("--design", all->design, "How the runs fill the space (default: latin_hypercube)")
+      ->check(CLI::IsMember({"latin_hypercube", "sobol", "random", "grid"}))
+      ->type_name("WORD");
+  farm->add_option("--runs", all->runs, "Number of runs")->type_name("N");
+  farm->add_option("--seed", all->seed, "Of the designs latin_hypercube and random (default: 1)")->type_name("N");
+  texts("--set", all->set, "As for cotwin run, in all runs; {NAME} is the value of what varies; may be repeated", "NAME=VALUE");
+  texts("--keep", all->keep,
+        "What is kept of a run: 'end NAME', 'min NAME', 'max NAME', 'peak NAME' (largest magnitude), or figures, all of the\n"
+        "summary (default); may be repeated",
+        "WHAT");
+  texts("--success", all->success,
+        "Condition of success, e.g. 'peak world.force<30', or of a variable at the end; may be repeated", "CONDITION");
+  farm->add_option("--stop,--stop-time", all->stop, "Stop time in seconds; replaces that of the file")->type_name("SECONDS");
+  farm->add_option("--limit", all->limit, "Wall time at which a run ends as failed (default: 600)")->type_name("SECONDS");
+  farm->add_option("--out", all->out, "Folder of the study (default: results/<study>.farm)")->type_name("FOLDER");
+  farm->add_flag("--dry-run", all->dry_run, "Tell runs, time, disk and memory, from at most three runs");
+  add_common(farm);
+  farm->footer(
+      "Each run is a fresh one, numbered from 1; its figures are those of cotwin run with the same values. The folder has an\n"
+      "SQLite database farm.db with the table `runs`, also while the study goes on. Options replace members of the study's "
+      "file.");
+  const auto add = [&](const char* name, const char* what, int (*action)(FarmArguments)) {
+    CLI::App* command = farm->add_subcommand(name, what);
+    command->add_option("FOLDER", all->file, "Folder of the study")->type_name("FOLDER")->required();
+    command->callback([all, action, &chosen] { chosen = [all, action] { return action(*all); }; });
+    return command;
+  };
+  add_common(add("resume", "Make the runs that are missing", resume));
+  CLI::App* told = add("status", "Tell how far a study is, and its figures so far", [](FarmArguments a) { return status(a); });
+  told->add_option("--json", all->json, "Write the figures as JSON, to stdout with -")->type_name("FILE|-");
+  add("export", "Write all runs as CSV", [](FarmArguments a) { return export_runs(a); })
+      ->add_option("--csv", all->csv, "File (default: stdout)")
+      ->type_name("FILE|-");
+  CLI::App* again =
+      add("repeat", "Repeat one run with all of its results, as cotwin run does", [](FarmArguments a) { return repeat(a); });
+  again->add_option("RUN", all->run, "Number of the run")->type_name("N")->required();
+  again->add_option("--out", all->out, "Folder for the results (default: run_<N> in the folder of the study)")
+      ->type_name("FOLDER");
+  again->add_flag("--view", all->view, "Show the run in a browser while it goes on, as cotwin run does")
+      ->option_text("[=PORT]");
+  again->add_flag("--quiet", all->quiet, "No progress and no table");
+  farm->callback([all, farm, &chosen] {
+    if (!farm->get_subcommands().empty()) return;
+    if (all->file.empty()) throw CLI::RequiredError("FILE");
+    chosen = [all] { return begin(*all); };
+  });
+}
+
+}  // namespace cotwin::master
