@@ -149,6 +149,7 @@ void ContactWorld::build() {
   note_limits(scene);
   options_.iterations = iterations_;
   options_.tolerance = tolerance_;
+  options_.friction_scale = friction_scale_;
   world_ = std::make_unique<World>(std::move(scene), options_);
   for (const auto& robot : robots_) show_tools(*robot, false);
   built_from_ = layout();
@@ -184,6 +185,7 @@ std::vector<double> ContactWorld::layout() const {
   }
   all.push_back(iterations_);
   all.push_back(tolerance_);
+  all.push_back(friction_scale_);
   return all;
 }
 

@@ -103,7 +103,7 @@ class ContactWorld final : public Unit {
 
   std::vector<double> gravity_;  // parameters
   std::int32_t iterations_ = 0;
-  double tolerance_ = 0;
+  double tolerance_ = 0, friction_scale_ = 1;
   double joint_gap_limit_ = 0.01, energy_limit_ = 0.25;
 
   std::vector<double> state_;                                // of the world

@@ -153,6 +153,7 @@ void ContactWorld::declare(Variables& v) {
   v.output("degenerate", degenerate_, "redundant or contradicting constraints that were relaxed");
   v.output("grown", grown_, "number of steps with more contacts than the setting `contacts`, each of which allocated memory");
   v.parameter("gravity", gravity_, "m/s2", "gravity in W");
+  v.parameter("friction_scale", friction_scale_, "1", "factor of all coefficients of friction between surfaces").range(0, 1000);
   v.parameter("max_iterations", iterations_, "largest number of sweeps of the solver in a step").range(1, 100000);
   v.parameter("tolerance", tolerance_, "m/s", "residual below which the sweeps end; 0: always max_iterations").range(0, 1);
   v.parameter("joint_gap_limit", joint_gap_limit_, "m",

@@ -265,8 +265,11 @@ Variables::Declared Variables::add(std::string name, Role role, Variable::Storag
   if (variable.description.empty()) throw Error(variable.name, "declared without a description");
   if (variable.kind() == Kind::kReal && !(foreign_ && variable.si.empty())) {
     if (variable.si.empty()) throw Error(variable.name, "declared without a unit of measure; a pure number has \"1\"");
-    if (si::parse(variable.si).factor != 1 || si::parse(variable.si).offset != 0) {
-      throw Error(variable.name, "declared in " + variable.si + ", expected SI");
+    if (std::ranges::find(known_si_, variable.si) == known_si_.end()) {
+      const si::Measure measure = si::parse(variable.si);
+      if (measure.factor != 1 || measure.offset != 0)
+        throw Error(variable.name, "declared in " + variable.si + ", expected SI");
+      known_si_.push_back(variable.si);
     }
   }
   index_.emplace(variable.name, list_.size());

@@ -213,6 +213,7 @@ class Variables {
   std::vector<Variable> list_;
   std::unordered_map<std::string, std::size_t, NameHash, std::equal_to<>> index_;  // by name; never iterated
   bool foreign_ = false;
+  std::vector<std::string> known_si_;
   mutable std::uint64_t fingerprint_ = 0;  // 0: to be computed
 };
 

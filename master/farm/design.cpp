@@ -99,7 +99,7 @@ std::vector<std::string> Distribution::extremes() const {
     std::vector<std::pair<double, std::string>> numbers_of;
     for (const std::string& value : values) {
       const auto number = text::parse_real(value);
-      if (!number) return values;
+      if (!number) return {values.begin(), values.begin() + std::min<std::ptrdiff_t>(std::ssize(values), 100)};
       numbers_of.emplace_back(*number, value);
     }
     const auto [least, most] = std::ranges::minmax_element(numbers_of);
@@ -129,6 +129,29 @@ void Distribution::check(const std::string& place) const {
     expect(numbers[0] < numbers[1] && std::isfinite(numbers[1] - numbers[0]), "[low, high] with low < high");
   if (kind == Kind::kLogUniform) expect(0 < numbers[0] && numbers[0] < numbers[1], "[low, high] with 0 < low < high");
   expect(share_below(*this, max) - share_below(*this, min) > 1e-12, "values between min and max");
+}
+
+std::vector<std::string> Design::typical() const {
+  if (kind == DesignKind::kTable) return rows.front();
+  std::vector<std::string> all;
+  for (const Factor& factor : factors) all.push_back(factor.distribution.at(0.5));
+  return all;
+}
+
+std::vector<Design::Extreme> Design::extremes() const {
+  std::vector<Extreme> all;
+  for (std::size_t k = 0; k < factors.size(); ++k) {
+    for (const std::string& value : factors[k].distribution.extremes()) {
+      std::vector<std::string> point = typical();
+      if (kind == DesignKind::kTable) {
+        point = *std::ranges::find_if(rows, [&](const std::vector<std::string>& row) { return row[k] == value; });
+      } else {
+        point[k] = value;
+      }
+      all.push_back({factors[k].name + "=" + value, std::move(point)});
+    }
+  }
+  return all;
 }
 
 std::vector<std::string> Design::point(std::int64_t run) const {

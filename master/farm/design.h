@@ -20,7 +20,7 @@ struct Distribution {
 
   /// The value below which is the share u of the runs, 0 < u < 1, as text that reads back to the same bits.
   std::string at(double u) const;
-  /// The smallest and the largest value, where there are any; all values where one is no number.
+  /// The smallest and the largest value, where there are any; the first 100 values where one is no number.
   std::vector<std::string> extremes() const;
   /// Throws Error at `place` for numbers that give no distribution.
   void check(const std::string& place) const;
@@ -52,6 +52,15 @@ struct Design {
   /// The values of all factors in a run, 1 to `runs`: row by row of a table; of a grid with the last factor fastest; of the Sobol points
   /// with the direction numbers of Joe and Kuo (2008), the first of which is (1/2, 1/2, …).
   std::vector<std::string> point(std::int64_t run) const;
+
+  /// The medians of all factors, or the first row of a table.
+  std::vector<std::string> typical() const;
+  struct Extreme {
+    std::string what;  // "drive.K[1]=5000"
+    std::vector<std::string> point;
+  };
+  /// For each extreme value of a factor the typical point with that value, or the first row of a table that has it.
+  std::vector<Extreme> extremes() const;
 };
 
 }  // namespace cotwin::master

@@ -70,31 +70,24 @@ Master Farm::master_of(Scenario scenario) const {
 }
 
 void Farm::try_values() {
-  const std::vector<std::string> first = study_.design.point(1);
   const auto attempt = [&](const std::vector<std::string>& point) {
     Scenario scenario = scenario_of(point);
     scenarios_ = scenarios_ * 0x100000001b3u ^ hash_of(scenario);
-    Master master = master_of(std::move(scenario));
-    for (const Member& member : master.members()) {
-      if (reaches_outside(member))
-        throw Error("component '" + member.name() + "'",
-                    "reaches a robot, a bus or a network, expected none in a study: many runs would reach it at once");
-      member.variables().check_ranges();
-    }
-    return master;
+    return master_of(std::move(scenario));
   };
-  Master master = attempt(first);
+  Master master = attempt(study_.design.typical());
+  for (const Member& member : master.members()) {
+    if (reaches_outside(member))
+      throw Error("component '" + member.name() + "'",
+                  "reaches a robot, a bus or a network, expected none in a study: many runs would reach it at once");
+  }
   name_figures(master);
-  for (std::size_t k = 0; k < first.size(); ++k) {
-    const Factor& factor = study_.design.factors[k];
-    for (const std::string& value : factor.distribution.extremes()) {
-      std::vector<std::string> point = first;
-      point[k] = value;
-      try {
-        attempt(point);
-      } catch (const Error& error) {
-        throw Error(factor.name + "=" + value, error.what());
-      }
+  for (const Design::Extreme& extreme : study_.design.extremes()) {
+    try {
+      Master tried = attempt(extreme.point);
+      for (const Member& member : tried.members()) member.variables().check_ranges();
+    } catch (const Error& error) {
+      throw Error(extreme.what, error.what());
     }
   }
 }
@@ -271,7 +264,7 @@ bool Farm::fill(Registry& registry, int threads, const FarmHooks& hooks) const {
 std::size_t Farm::bytes_of_twin() const {
   const auto used = [] { return mallinfo2().uordblks + mallinfo2().hblkhd; };
   const std::size_t before = used();
-  Master master = master_of(scenario_of(study_.design.point(1)));
+  Master master = master_of(scenario_of(study_.design.typical()));
   master.initialise();
   return used() - before;
 }

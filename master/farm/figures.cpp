@@ -63,7 +63,7 @@ std::vector<Figures::Named> Figures::all(const Summary& summary) const {
       found.push_back({"rms " + c.name, joined_rms(c.rms)});
       found.push_back({"max " + c.name, largest_of(c.max)});
     }
-    for (const Work& w : summary.works) found.push_back({"work " + w.name, w.value});
+    for (const Work& w : summary.works) found.push_back({"net " + w.name, w.value});
     for (const Bonded& b : summary.bonds) found.push_back({"leak " + b.name, b.leak});
   }
   return found;

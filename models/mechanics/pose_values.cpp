@@ -12,7 +12,8 @@ using Values = std::vector<double>;
 
 Pose pose_of(const std::string& place, const Values& p, const Values& quat) {
   const Eigen::Quaterniond Q(quat[0], quat[1], quat[2], quat[3]);
-  if (!(std::abs(Q.norm() - 1) < 1e-6)) {
+  constexpr double kRounded = 1e-3;  // 0.707 0 0 0.707, or half the vector of a small rotation beside 1
+  if (!(std::abs(Q.norm() - 1) < kRounded)) {
     throw Error(place, "the quaternion (w, x, y, z) has length " + text::to_text(Q.norm()) + ", expected 1");
   }
   return {Q.normalized().toRotationMatrix(), {p[0], p[1], p[2]}};

@@ -9,9 +9,9 @@
 namespace cotwin::contact_world {
 namespace {}  // namespace
 
-/// Geometric mean of the friction of two surfaces along two directions: those of the first surface that has any.
+/// Geometric mean of the scaled friction of two surfaces along two directions: those of the first surface that has any.
 void World::Impl::set_friction(Contact& touch, const scene::Material& a, const scene::Material& b) const {
-  const auto mean = [](double x, double y) { return x == y ? x : std::sqrt(x * y); };
+  const auto mean = [this](double x, double y) { return options.friction_scale * (x == y ? x : std::sqrt(x * y)); };
   const auto isotropic = [](const scene::Material& m) { return m.mu2 < 0 || m.mu2 == m.mu; };
   touch.mu = mean(a.mu, b.mu);
   touch.torsion = mean(a.torsion, b.torsion);

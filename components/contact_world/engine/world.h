@@ -24,6 +24,7 @@ struct Options {
   Method method = Method::kTree;
   int iterations = 20;         // largest number of sweeps in each of the two stages of a step
   double tolerance = 1e-9;     // sweeps end at a smaller residual, m/s; 0: always `iterations` sweeps
+  double friction_scale = 1;   // of all coefficients of friction
   std::size_t contacts = 256;  // number of points that a step takes without allocating
   std::size_t dents = 64;      // number of places that remember that they have yielded; then the oldest one is replaced
 };

@@ -1,5 +1,6 @@
 // cotwin farm: the runs of a study on all cores; resume, status, export, repeat.
-#include <fstream>
+#include <cerrno>
+#include <csignal>
 #include <iostream>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -195,7 +196,13 @@ int begin(FarmArguments a) {
   const bool is_study = a.file.extension() == ".json";
   Study study =
       read_study(with_options(file, a), a.file.string(), is_study ? fs::absolute(a.file).parent_path() : fs::current_path());
-  const Farm farm(std::move(study), units());
+  const Farm farm = [&] {
+    try {
+      return Farm(std::move(study), units());
+    } catch (const Error& error) {
+      throw Error(a.file.string(), error.what());
+    }
+  }();
   if (a.dry_run) return dry_run(farm, a);
   const fs::path folder = a.out.empty() ? fs::path("results") / (file_name_of(farm.study().name) + ".farm") : a.out;
   Facts facts = farm.facts(this_build());
@@ -233,7 +240,9 @@ int export_runs(const FarmArguments& a) {
   Registry registry(a.file, true);
   if (a.csv.empty() || a.csv == "-") {
     registry.write(std::cout);
-    if (!std::cout.flush()) throw Error("stdout", "cannot be written");
+    if (std::cout.flush()) return kExitDone;
+    if (errno == EPIPE) return kExitSignalled + SIGPIPE;  // the reader closed the pipe (| head)
+    throw Error("stdout", "cannot be written: " + system_reason(errno));
   } else {
     AtomicFile file(a.csv);
     registry.write(file.stream());
