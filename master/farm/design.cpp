@@ -1,6 +1,7 @@
 #include "master/farm/design.h"
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <boost/math/distributions/lognormal.hpp>
 #include <boost/math/distributions/normal.hpp>
@@ -12,33 +13,23 @@
 #include "models/foundation/support/choice.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
+#include "models/numerics/random.h"
 
 namespace cotwin::master {
 
 namespace {
 
-/// Mixes all bits (splitmix64 of Steele, Lea and Flood, 2014).
-std::uint64_t mixed(std::uint64_t x) {
-  x += 0x9e3779b97f4a7c15u;
-  x = (x ^ (x >> 30)) * 0xbf58476d1ce4e5b9u;
-  x = (x ^ (x >> 27)) * 0x94d049bb133111ebu;
-  return x ^ (x >> 31);
-}
-
-/// A number in (0, 1) that looks random.
-double uniform_of(std::uint64_t key, std::uint64_t number) {
-  return (static_cast<double>(mixed(mixed(key) ^ number) >> 12) + 0.5) * 0x1p-52;
-}
-
 /// The place of i in a permutation of 0 … n − 1: rounds of a Feistel network, repeated until the result is below n.
-std::uint64_t permuted(std::uint64_t i, std::uint64_t n, std::uint64_t key) {
+std::uint64_t permuted(std::uint64_t i, std::uint64_t n, std::uint64_t seed, std::uint32_t factor) {
   if (n < 2) return 0;
   const int half = (static_cast<int>(std::bit_width(n - 1)) + 1) / 2;
   const std::uint64_t mask = (std::uint64_t{1} << half) - 1;
+  const std::array<std::uint32_t, 2> key = {static_cast<std::uint32_t>(seed), static_cast<std::uint32_t>(seed >> 32)};
   do {
-    for (std::uint64_t round = 0; round < 6; ++round) {
+    for (std::uint32_t round = 0; round < 6; ++round) {
       const std::uint64_t left = i >> half, right = i & mask;
-      i = (right << half) | ((left ^ mixed(mixed(key + round) ^ right)) & mask);
+      const std::uint64_t word = numerics::philox({static_cast<std::uint32_t>(right), round, factor, 1}, key)[0];
+      i = (right << half) | ((left ^ word) & mask);
     }
   } while (i >= n);
   return i;
@@ -170,10 +161,11 @@ std::vector<std::string> Design::point(std::int64_t run) const {
   boost::random::sobol sequence(std::max<std::size_t>(factors.size(), 1));
   if (kind == DesignKind::kSobol) sequence.seed(index);
   for (std::size_t k = 0; k < factors.size(); ++k) {
-    const std::uint64_t key = mixed(seed) + k * 0x1000;
-    double u = kind == DesignKind::kSobol ? static_cast<double>(sequence()) * 0x1p-64 : uniform_of(key, index);
+    const auto number = static_cast<std::uint32_t>(index), factor = static_cast<std::uint32_t>(k);
+    double u = kind == DesignKind::kSobol ? static_cast<double>(sequence()) * 0x1p-64
+                                          : numerics::uniform({.seed = seed, .particle = number, .draw = factor});
     if (kind == DesignKind::kLatinHypercube)  // kept from the borders of the stratum, which rounding could cross
-      u = (static_cast<double>(permuted(index, n, key + 0x100)) + 0x1p-20 + u * (1 - 0x1p-19)) / static_cast<double>(n);
+      u = (static_cast<double>(permuted(index, n, seed, factor)) + 0x1p-20 + u * (1 - 0x1p-19)) / static_cast<double>(n);
     all[k] = factors[k].distribution.at(u);
   }
   return all;

@@ -44,7 +44,7 @@ Distribution read_distribution(const Json& json, const std::string& pointer) {
   Distribution d;
   if (r.has("from")) {
     const double from = r.number("from"), to = r.number("to");
-    const int points = r.integer("points", 2, 1'000'000, 2);
+    const int points = r.integer("points", 2, 100'000, 2);
     for (int k = 0; k < points; ++k) {
       const double share = static_cast<double>(k) / (points - 1);
       d.values.push_back(text::to_text(k == points - 1 ? to : from + share * (to - from)));

@@ -3,7 +3,7 @@
 //   {
 //     "needs": ["measurements/…"],                 public data (examples/public_data.md) without which the test is skipped
 //     "scenario": "twin.ssd",                      if it is not <scenario>.ssd
-//     "command": "search",                         in place of run; its JSON is the summary
+//     "command": "search",                         or farm, in place of run; its JSON is the summary
 //     "script": "run.sh",                          in place of run: a script of several processes, with a free UDP port in PORT and
 //                                                  the folder for results in OUT; figures have "of": a folder in it, and perhaps
 //                                                  "minus_of" for the signal that is subtracted
@@ -187,7 +187,7 @@ TEST_P(Example, RunsAndGivesTheExpectedFigures) {
   const fs::path summary = results.path() / "summary.json";
   const std::string name = expected.value("command", "run");
   std::vector<std::string> command = {name, scenario, "--quiet", "--json", summary};
-  if (name == "run") command.insert(command.end(), {"--out", results.path()});
+  if (name != "search") command.insert(command.end(), {"--out", results.path()});
   add_options(command, expected);
   if (const char* set = getenv("COTWIN_EXAMPLE_SET")) command.insert(command.end(), {"--set", set});
   const RunResult ran = run_program(command);

@@ -47,7 +47,7 @@ Json read_file(const fs::path& file) {
   }
 }
 
-/// Options replace members of the file.
+/// Options replace members of the file; assignments are added to its own.
 Json with_options(Json study, const FarmArguments& a) {
   for (const std::string& given : a.vary) {
     const std::size_t equals = given.find('=');
@@ -55,10 +55,13 @@ Json with_options(Json study, const FarmArguments& a) {
       throw Error("--vary " + given, "expected NAME=LOW:HIGH, NAME=normal:MEAN:DEVIATION or NAME=VALUE,VALUE");
     study["vary"][given.substr(0, equals)] = distribution_of(std::string_view(given).substr(equals + 1));
   }
+  for (const std::string& assignment : a.set) {
+    if (study.contains("set") && study["set"].is_string()) study["set"] = Json::array({study["set"]});
+    study["set"].push_back(assignment);
+  }
   const auto replace = [&](const char* name, const auto& value, bool given) {
     if (given) study[name] = value;
   };
-  replace("set", a.set, !a.set.empty());
   replace("keep", a.keep, !a.keep.empty());
   replace("success", a.success, !a.success.empty());
   replace("design", a.design, !a.design.empty());
