@@ -8,9 +8,9 @@
 
 #include "components/robot_files/joint_settings.h"
 #include "components/robot_files/robot_files.h"
-#include "components/unit/model_store.h"
 #include "components/unit/settings.h"
 #include "models/foundation/support/error.h"
+#include "models/foundation/support/file_store.h"
 #include "models/foundation/support/text.h"
 #include "models/robot/urdf/urdf.h"
 #include "models/scene/cell.h"

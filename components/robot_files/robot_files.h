@@ -5,7 +5,7 @@
 #include "models/robot/robot_model.h"
 #include "models/scene/cell.h"
 
-/// What Settings::robot() and Settings::cell() read from files and keep in a ModelStore.
+/// What Settings::robot() and Settings::cell() read from files and keep in a FileStore.
 namespace cotwin {
 
 struct FoundRobot {

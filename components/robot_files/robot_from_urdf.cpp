@@ -2,8 +2,8 @@
 
 #include "components/robot_files/joint_settings.h"
 #include "components/robot_files/robot_files.h"
-#include "components/unit/model_store.h"
 #include "components/unit/settings.h"
+#include "models/foundation/support/file_store.h"
 #include "models/foundation/support/text.h"
 #include "models/robot/urdf/urdf.h"
 

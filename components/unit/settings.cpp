@@ -51,7 +51,7 @@ std::string escape_setting(std::string_view text) {
 }
 
 Settings::Settings(std::string unit, std::string_view query, std::map<std::string, std::string> defaults,
-                   std::vector<fs::path> folders, std::shared_ptr<ModelStore> models)
+                   std::vector<fs::path> folders, std::shared_ptr<FileStore> models)
     : unit_(std::move(unit)), defaults_(std::move(defaults)), folders_(std::move(folders)), models_(std::move(models)) {
   if (query.empty()) return;
   for (const std::string_view pair : text::split(query, '&')) {

@@ -19,7 +19,7 @@ struct Cell;
 
 namespace cotwin {
 
-class ModelStore;
+class FileStore;
 
 /// A required setting is missing.
 class MissingSetting : public Error {
@@ -35,7 +35,7 @@ class Settings {
   /// `unit`: name of the unit, for messages; `query`: "a=1&b=x" with %-escapes, or ""; `defaults`: those of the scenario;
   /// `folders`: searched in this order for relative paths and robots/…; `models`: keeps what is read, of any run with these folders.
   Settings(std::string unit, std::string_view query, std::map<std::string, std::string> defaults,
-           std::vector<std::filesystem::path> folders, std::shared_ptr<ModelStore> models = nullptr);
+           std::vector<std::filesystem::path> folders, std::shared_ptr<FileStore> models = nullptr);
 
   /// Sets the list of the unit's settings. construct() calls it before a value is read. Throws Error with the closest name if
   /// the query has a setting that is not in the list.
@@ -101,7 +101,7 @@ class Settings {
   void warn(std::string message) { warnings_.push_back(std::move(message)); }
   const std::vector<std::string>& warnings() const { return warnings_; }
   const std::string& unit() const { return unit_; }
-  ModelStore* models() const { return models_.get(); }  // may be nullptr
+  FileStore* models() const { return models_.get(); }  // may be nullptr
   /// The given settings and the used defaults of the scenario as a query, "link_side=inside&robot=lwr4", in alphabetical order.
   std::string query() const;
   /// The results of robot_file(). The folder of a robot may have a file <unit>.ssv with start values.
@@ -123,7 +123,7 @@ class Settings {
   std::map<std::string, std::string> query_;
   std::map<std::string, std::string> defaults_;
   std::vector<std::filesystem::path> folders_;
-  std::shared_ptr<ModelStore> models_;
+  std::shared_ptr<FileStore> models_;
   std::vector<std::string> asked_;
   std::vector<std::string> defaults_used_;
   std::vector<std::string> warnings_;

@@ -2,9 +2,9 @@
 
 #include <algorithm>
 
-#include "components/unit/model_store.h"
 #include "components/unit/si.h"
 #include "models/foundation/support/error.h"
+#include "models/foundation/support/file_store.h"
 #include "models/foundation/support/text.h"
 
 namespace cotwin {
@@ -54,7 +54,7 @@ UnitSource parse_unit_source(const std::string& source) {
 
 Instance make_unit(const std::string& source, const std::map<std::string, std::string>& defaults,
                    const std::vector<std::filesystem::path>& folders, std::span<const UnitType> types,
-                   std::vector<std::string>* defaults_used, std::shared_ptr<ModelStore> models) {
+                   std::vector<std::string>* defaults_used, std::shared_ptr<FileStore> models) {
   const UnitSource parts = parse_unit_source(source);
   Settings settings(parts.unit, parts.query, defaults, folders, std::move(models));
   Instance instance = make_unit(settings, types);

@@ -38,6 +38,9 @@ inline std::unique_ptr<Unit> construct(const UnitType& type, Settings& settings)
 /// All units of this build, in the order of components/CMakeLists.txt. Defined in the generated unit_table.cpp.
 std::span<const UnitType> unit_types();
 
+/// Beginning of the keys of start values (ParameterSet) in a FileStore.
+inline constexpr const char* kValuesKey = "values\n";
+
 /// A unit with its declared variables.
 struct Instance {
   std::unique_ptr<Unit> unit;
@@ -52,7 +55,7 @@ struct Instance {
 /// `defaults_used`, if given, receives the names of the used `defaults`; `models` as for Settings.
 Instance make_unit(const std::string& source, const std::map<std::string, std::string>& defaults,
                    const std::vector<std::filesystem::path>& folders, std::span<const UnitType> types,
-                   std::vector<std::string>* defaults_used = nullptr, std::shared_ptr<ModelStore> models = nullptr);
+                   std::vector<std::string>* defaults_used = nullptr, std::shared_ptr<FileStore> models = nullptr);
 
 /// The same from settings, which have the name of the unit and record which values were used.
 Instance make_unit(Settings& settings, std::span<const UnitType> types);

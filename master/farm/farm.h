@@ -6,13 +6,13 @@
 #include <string>
 #include <vector>
 
-#include "components/unit/model_store.h"
 #include "components/unit/unit_table.h"
 #include "master/farm/figures.h"
 #include "master/farm/registry.h"
 #include "master/farm/study.h"
 #include "master/run/identity.h"
 #include "master/scenario/scenario.h"
+#include "models/foundation/support/file_store.h"
 
 /// The farm: the runs of a study on all cores (V-A, V-B of the paper). Each run is a fresh Master without recording, and its figures are
 /// those of `cotwin run` with the same assignments, to the bit, whatever the thread and the order.
@@ -54,7 +54,7 @@ class Farm {
   std::span<const UnitType> types_;
   Scenario scenario_;
   std::vector<std::filesystem::path> folders_;
-  std::shared_ptr<ModelStore> models_ = std::make_shared<ModelStore>();
+  std::shared_ptr<FileStore> models_ = std::make_shared<FileStore>();
   std::vector<std::string> keep_, figures_;
   std::vector<std::pair<Condition, std::size_t>> success_;  // with the index of its figure
   std::uint64_t scenarios_ = 0;                             // hash of the scenarios that were tried

@@ -197,7 +197,7 @@ void check_connector(const ConnectorSpec& connector, const Member& member, const
 
 Member load_member(const ComponentSpec& spec, const Scenario& scenario, std::span<const UnitType> types,
                    const std::vector<std::filesystem::path>& folders, fmu::FmuStore& fmus,
-                   std::vector<std::string>* settings_used, const std::shared_ptr<ModelStore>& models) {
+                   std::vector<std::string>* settings_used, const std::shared_ptr<FileStore>& models) {
   Member member{spec, {}};
   std::shared_ptr<const fmu::ForeignFmu> foreign;
   try {
@@ -265,7 +265,7 @@ bool reaches_outside(const Member& member) {
 }
 
 std::vector<Member> load_members(const Scenario& scenario, std::span<const UnitType> types,
-                                 const std::vector<std::filesystem::path>& folders, const std::shared_ptr<ModelStore>& models) {
+                                 const std::vector<std::filesystem::path>& folders, const std::shared_ptr<FileStore>& models) {
   std::vector<Member> members;
   std::vector<std::string> used;
   fmu::FmuStore fmus;

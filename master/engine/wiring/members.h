@@ -54,13 +54,13 @@ struct Signal {
 /// that no unit reads. `folders`: where units search for named data; `models`: as for Settings.
 std::vector<Member> load_members(const Scenario& scenario, std::span<const UnitType> types,
                                  const std::vector<std::filesystem::path>& folders,
-                                 const std::shared_ptr<ModelStore>& models = nullptr);
+                                 const std::shared_ptr<FileStore>& models = nullptr);
 
 /// The steps of load_members: builds a component's unit or FMU without its start values; compares a connector with its
 /// variable; compares the settings with those that units have read. `fmus`: shared by all components of the scenario.
 Member load_member(const ComponentSpec& spec, const Scenario& scenario, std::span<const UnitType> types,
                    const std::vector<std::filesystem::path>& folders, fmu::FmuStore& fmus,
-                   std::vector<std::string>* settings_used = nullptr, const std::shared_ptr<ModelStore>& models = nullptr);
+                   std::vector<std::string>* settings_used = nullptr, const std::shared_ptr<FileStore>& models = nullptr);
 void check_connector(const ConnectorSpec& connector, const Member& member, const Scenario& scenario);
 void check_settings(const Scenario& scenario, std::span<Member> members, const std::vector<std::string>& used);
 

@@ -26,6 +26,8 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
+constexpr std::size_t kMostMessages = 10;
+
 struct FarmArguments {
   fs::path file, out, csv;  // file: a study or a scenario, or the folder of a study
   std::vector<std::string> vary, set, keep, success;
@@ -83,10 +85,14 @@ void print(std::ostream& out, const std::string& name, std::int64_t runs, Regist
     out << "; success in " << t.successes << " of " << t.judged << " ("
         << percent(static_cast<double>(t.successes) / static_cast<double>(t.judged)) << ")";
   out << '\n';
-  for (const Registry::Message& message : registry.messages()) {
+  const std::vector<Registry::Message> messages = registry.messages();
+  for (const Registry::Message& message : std::span(messages).first(std::min(messages.size(), kMostMessages))) {
     out << (message.failure ? "  failed: " : "  warning: ") << text::counted(message.runs, "run") << ", first " << message.run
         << ": " << message.text << '\n';
   }
+  if (messages.size() > kMostMessages)
+    out << "  and " << text::counted(static_cast<std::int64_t>(messages.size() - kMostMessages), "other message")
+        << " (table messages)\n";
   for (const Registry::Spread& s : registry.spreads()) {
     out << "  " << s.name << ": ";
     if (s.count == 0) {
@@ -184,13 +190,17 @@ std::string changes(const Json& now, const Json& was) {
   return all;
 }
 
-/// The study of a folder, in the working directory where it began.
+/// The study of a folder.
 Study stored_study(Registry& registry, const fs::path& folder) {
+  return read_study(Json::parse(registry.fact("study")), folder.string(), "/");
+}
+
+/// Enters the working directory in which a study began, to which its assignments may be relative.
+void enter_origin(Registry& registry, const fs::path& folder) {
   const fs::path origin = registry.fact("folder");
   std::error_code error;
   fs::current_path(origin, error);
   if (error) throw Error(folder.string(), "began in " + origin.string() + ", which cannot be entered: " + error.message());
-  return read_study(Json::parse(registry.fact("study")), folder.string(), origin);
 }
 
 int begin(FarmArguments a) {
@@ -223,6 +233,7 @@ int resume(FarmArguments a) {
   const fs::path shown = a.file, folder = fs::absolute(a.file);
   if (!a.json.empty() && a.json != "-") a.json = fs::absolute(a.json).string();
   Registry registry(folder, false);
+  enter_origin(registry, shown);
   const Farm farm(stored_study(registry, shown), units());
   std::string differs = difference(registry, farm.facts(this_build()));
   if (const fs::path file = registry.fact("file"); !file.empty() && fs::exists(file))
@@ -259,6 +270,7 @@ int repeat(const FarmArguments& a) {
   ScenarioRun run;
   {
     Registry registry(folder, true);
+    enter_origin(registry, a.file);
     const Study study = stored_study(registry, a.file);
     if (a.run < 1 || a.run > study.design.runs)
       throw Error("RUN", std::to_string(a.run) + ", expected 1 to " + std::to_string(study.design.runs));

@@ -8,9 +8,9 @@
 
 namespace cotwin {
 
-/// Robots, cells and start values from files, read once for the units of many runs. Thread-safe. A file that changes meanwhile is
-/// not read again.
-class ModelStore {
+/// What was read from files, kept for many readers: robots, cells and start values for the units of many runs. Thread-safe. A file that
+/// changes meanwhile is not read again.
+class FileStore {
  public:
   /// The result of `read` in the first call with this key, which is of one type. What throws is not kept.
   template <class T, class Read>
@@ -38,12 +38,9 @@ class ModelStore {
   std::map<std::string, std::shared_ptr<const void>> all_;
 };
 
-/// Beginning of the keys of start values (ParameterSet).
-inline constexpr const char* kValuesKey = "values\n";
-
 /// As get() of `store`, or by `read` alone without one.
 template <class T, class Read>
-std::shared_ptr<const T> read_once(ModelStore* store, const std::string& key, Read read) {
+std::shared_ptr<const T> read_once(FileStore* store, const std::string& key, Read read) {
   return store != nullptr ? store->get<T>(key, read) : std::make_shared<const T>(read());
 }
 
