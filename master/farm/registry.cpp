@@ -155,7 +155,9 @@ void Registry::add(std::span<const RunRow> rows) {
       }
     }
     while (statement.step()) continue;
+    std::set<std::string> kinds;
     const auto count = [&](bool failure, const std::string& text) {
+      if (!kinds.insert(without_numbers(text)).second) return;
       database_.run(
           "INSERT INTO messages VALUES (?1, ?2, ?3, ?4, 1) ON CONFLICT DO UPDATE SET runs = runs + 1, "
           "text = iif(excluded.run < run, excluded.text, text), run = min(run, excluded.run)",
