@@ -12,9 +12,8 @@
 #include "master/program/commands/commands.h"
 #include "master/program/interrupt.h"
 #include "master/program/progress_line.h"
-#include "master/results/results_folder.h"
+#include "master/results/summary.h"
 #include "models/foundation/support/atomic_file.h"
-#include "models/foundation/support/choice.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/file.h"
 #include "models/foundation/support/text.h"
@@ -61,12 +60,9 @@ Json with_options(Json study, const FarmArguments& a) {
     if (study.contains("set") && study["set"].is_string()) study["set"] = Json::array({study["set"]});
     study["set"].push_back(assignment);
   }
-  const auto replace = [&](const char* name, const auto& value, bool given) {
-    if (given) study[name] = value;
-  };
-  replace("keep", a.keep, !a.keep.empty());
-  replace("success", a.success, !a.success.empty());
-  replace("design", a.design, !a.design.empty());
+  if (!a.keep.empty()) study["keep"] = a.keep;
+  if (!a.success.empty()) study["success"] = a.success;
+  if (!a.design.empty()) study["design"] = a.design;
   if (!a.table.empty()) study["table"] = fs::absolute(a.table).string();
   if (a.runs) study["runs"] = *a.runs;
   if (a.seed) study["seed"] = *a.seed;
@@ -75,7 +71,6 @@ Json with_options(Json study, const FarmArguments& a) {
   return study;
 }
 
-std::string percent(double share) { return text::to_text(100 * share, 3) + " %"; }
 std::string bytes(double n) { return n < 2e6 ? text::to_text(n / 1e3, 3) + " kB" : text::to_text(n / 1e6, 3) + " MB"; }
 
 void print(std::ostream& out, const std::string& name, std::int64_t runs, Registry& registry) {
@@ -83,7 +78,7 @@ void print(std::ostream& out, const std::string& name, std::int64_t runs, Regist
   out << name << ": " << t.done + t.failed << " of " << text::counted(runs, "run") << ", " << t.failed << " failed";
   if (t.judged > 0)
     out << "; success in " << t.successes << " of " << t.judged << " ("
-        << percent(static_cast<double>(t.successes) / static_cast<double>(t.judged)) << ")";
+        << text::to_text(100 * static_cast<double>(t.successes) / static_cast<double>(t.judged), 3) << " %)";
   out << '\n';
   const std::vector<Registry::Message> messages = registry.messages();
   for (const Registry::Message& message : std::span(messages).first(std::min(messages.size(), kMostMessages))) {
@@ -170,7 +165,7 @@ int dry_run(const Farm& farm, const FarmArguments& a) {
   }
   const double all = static_cast<double>(runs) * seconds / made;
   const auto columns = static_cast<double>(farm.study().design.factors.size() + farm.figures().size());
-  std::cout << farm.study().name << ": " << text::counted(runs, "run") << " of " << duration_text(seconds / made) << ", "
+  std::cout << farm.study().name << ": " << text::counted(runs, "run") << " of " << duration(seconds / made) << ", "
             << duration_text(all / a.threads) << " on " << text::counted(a.threads, "thread") << "; disk "
             << bytes(static_cast<double>(runs) * (9 * columns + 40)) << "; memory "
             << bytes(static_cast<double>(farm.bytes_of_twin())) << " a twin\n"
@@ -203,7 +198,7 @@ void enter_origin(Registry& registry, const fs::path& folder) {
   if (error) throw Error(folder.string(), "began in " + origin.string() + ", which cannot be entered: " + error.message());
 }
 
-int begin(FarmArguments a) {
+int begin(const FarmArguments& a) {
   end_on_signals(" while the study is prepared; nothing was written\n");
   const Json file = read_file(a.file);
   const bool is_study = a.file.extension() == ".json";
@@ -228,7 +223,8 @@ int begin(FarmArguments a) {
   return fill(a, farm, folder, registry);
 }
 
-int resume(FarmArguments a) {
+int resume(const FarmArguments& given) {
+  FarmArguments a = given;
   end_on_signals(" while the study is prepared\n");
   const fs::path shown = a.file, folder = fs::absolute(a.file);
   if (!a.json.empty() && a.json != "-") a.json = fs::absolute(a.json).string();
@@ -236,8 +232,10 @@ int resume(FarmArguments a) {
   enter_origin(registry, shown);
   const Farm farm(stored_study(registry, shown), units());
   std::string differs = difference(registry, farm.facts(this_build()));
-  if (const fs::path file = registry.fact("file"); !file.empty() && fs::exists(file))
-    text::append(differs, changes(read_file(file), Json::parse(registry.fact("content"))), differs.empty() ? "" : "; ");
+  if (const fs::path file = registry.fact("file"); !file.empty() && fs::exists(file)) {
+    const std::string changed = changes(read_file(file), Json::parse(registry.fact("content")));
+    if (!changed.empty()) text::append(differs, changed, "; ");
+  }
   if (!differs.empty())
     throw Error(shown.string(), "cannot be resumed, its runs would not belong together: " + differs + "; expected no change");
   return fill(a, farm, shown, registry);
@@ -334,20 +332,19 @@ void add_farm(CLI::App& app, Chosen& chosen) {
       "Each run is a fresh one, numbered from 1; its figures are those of cotwin run with the same values. The folder has an\n"
       "SQLite database farm.db with the table `runs`, also while the study goes on. Options replace members of the study's "
       "file.");
-  const auto add = [&](const char* name, const char* what, int (*action)(FarmArguments)) {
+  const auto add = [&](const char* name, const char* what, int (*action)(const FarmArguments&)) {
     CLI::App* command = farm->add_subcommand(name, what);
     command->add_option("FOLDER", all->file, "Folder of the study")->type_name("FOLDER")->required();
     command->callback([all, action, &chosen] { chosen = [all, action] { return action(*all); }; });
     return command;
   };
   add_common(add("resume", "Make the runs that are missing", resume));
-  CLI::App* told = add("status", "Tell how far a study is, and its figures so far", [](FarmArguments a) { return status(a); });
+  CLI::App* told = add("status", "Tell how far a study is, and its figures so far", status);
   told->add_option("--json", all->json, "Write the figures as JSON, to stdout with -")->type_name("FILE|-");
-  add("export", "Write all runs as CSV", [](FarmArguments a) { return export_runs(a); })
+  add("export", "Write all runs as CSV", export_runs)
       ->add_option("--csv", all->csv, "File (default: stdout)")
       ->type_name("FILE|-");
-  CLI::App* again =
-      add("repeat", "Repeat one run with all of its results, as cotwin run does", [](FarmArguments a) { return repeat(a); });
+  CLI::App* again = add("repeat", "Repeat one run with all of its results, as cotwin run does", repeat);
   again->add_option("RUN", all->run, "Number of the run")->type_name("N")->required();
   again->add_option("--out", all->out, "Folder for the results (default: run_<N> in the folder of the study)")
       ->type_name("FOLDER");
