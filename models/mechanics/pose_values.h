@@ -8,7 +8,8 @@
 /// Poses as values of ports.
 namespace cotwin {
 
-/// Pose from position and quaternion (w, x, y, z). Throws Error at `place` unless the quaternion has length 1.
+/// Pose from position and quaternion (w, x, y, z). Throws Error at `place` unless the quaternion has length 1 to
+/// a thousandth; it is normalised.
 Pose pose_of(const std::string& place, const std::vector<double>& p, const std::vector<double>& quat);
 /// Pose from inputs, where the quaternion is normalised: it may have been interpolated. Throws Error at `place`.`prefix``name` for a quaternion of
 /// zero. Allocates nothing otherwise.

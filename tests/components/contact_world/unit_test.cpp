@@ -135,15 +135,17 @@ TEST(ContactWorld, BodiesFallAlongTheGravityThatIsSet) {
 }
 
 TEST(ContactWorld, ACubeThatIsPulledSticksBelowTheConeAndSlidesAboveItAsCoulombSays) {
-  Subject world("unit:contact_world?scene=" + kFloor);
-  world.initialise();
-  const double limit = 0.25 * 2 * kGravity;
-  world.set("cube.f", {0.9 * limit, 0, 0});
-  for (int i = 0; i < 1000; ++i) world.step(1e-3);
-  EXPECT_NEAR(world["cube.p"][0], 0, 1e-6);
-  world.set("cube.f", {1.5 * limit, 0, 0});
-  for (int i = 0; i < 1000; ++i) world.step(1e-3);
-  EXPECT_NEAR(world["cube.v"][0], 0.5 * limit / 2, 1e-3 * 0.5 * limit / 2);
+  for (const double scale : {1.0, 0.4, 2.0}) {
+    Subject world("unit:contact_world?scene=" + kFloor);
+    world.set("friction_scale", {scale}).initialise();
+    const double limit = scale * 0.25 * 2 * kGravity;
+    world.set("cube.f", {0.9 * limit, 0, 0});
+    for (int i = 0; i < 1000; ++i) world.step(1e-3);
+    EXPECT_NEAR(world["cube.p"][0], 0, 1e-6) << scale;
+    world.set("cube.f", {1.5 * limit, 0, 0});
+    for (int i = 0; i < 1000; ++i) world.step(1e-3);
+    EXPECT_NEAR(world["cube.v"][0], 0.5 * limit / 2, 1e-3 * 0.5 * limit / 2) << scale;
+  }
 }
 
 TEST(ContactWorld, ARobotWithoutContactHasNoExternalTorque) {
@@ -836,6 +838,8 @@ TEST(ContactWorld, ReportsErrorsInItsSettingsAndInputs) {
   Subject world("unit:contact_world?scene=" + kFloor);
   world.set("cube.quat0", {1, 1, 0, 0});
   EXPECT_THAT(error_of([&] { world.initialise(); }), HasSubstr("cube.quat0"));
+  world.set("cube.quat0", {0.707, 0, 0, 0.707}).initialise();  // rounded
+  EXPECT_NEAR(world["cube.quat"][0], std::sqrt(0.5), 1e-15);
   world.set("cube.quat0", {1, 0, 0, 0});
   world["cube.p0"][2] = std::numeric_limits<double>::quiet_NaN();
   EXPECT_THAT(error_of([&] { world.initialise(); }), HasSubstr("cube.p0[3]"));
