@@ -39,7 +39,7 @@ struct RunState {
 struct MasterOptions {
   std::span<const UnitType> types;             // available units
   std::vector<std::filesystem::path> folders;  // where units search for named data
-  std::shared_ptr<FileStore> models{};        // keeps robots and cells for other runs with these folders; nullptr: none
+  std::shared_ptr<FileStore> models{};         // keeps robots and cells for other runs with these folders; nullptr: none
   std::filesystem::path results;               // folder for signals.csv; empty: no recording
   bool joint_names = false;                    // columns of signals.csv have the names of joints in place of their numbers
   bool view_data = false;                      // view.bin in that folder, for pages, where the recording lacks what they show
