@@ -66,16 +66,18 @@ void add_tools(const std::string& setting, scene::PlacedRobot& placed, const std
 struct RobotRequest {
   std::string name;
   fs::path urdf;
+  std::string shapes;  // the choice of the setting
   robot::UrdfOptions options;
 };
 
-scene::PlacedRobot read_robot(const RobotRequest& request, const std::string& shapes, const std::string& tools,
+scene::PlacedRobot read_robot(const RobotRequest& request, const std::string& tools,
                               const std::function<fs::path(const std::string&)>& find, std::vector<std::string>& warnings) {
   scene::PlacedRobot placed{request.name, robot::load_urdf(request.urdf, request.options, &warnings), {}};
-  if (shapes == "none") {
+  if (request.shapes == "none") {
     placed.shapes.resize(placed.model.bodies.size() + 1);
   } else {
-    placed.shapes = (shapes == "hulls" ? scene::hulls_of_urdf : scene::shapes_of_urdf)(request.urdf, placed.model, &warnings);
+    placed.shapes =
+        (request.shapes == "hulls" ? scene::hulls_of_urdf : scene::shapes_of_urdf)(request.urdf, placed.model, &warnings);
   }
   add_tools(tools, placed, find, warnings);
   return placed;
@@ -89,16 +91,15 @@ scene::Cell Settings::cell() {
     const bool is_path = name.find('/') != std::string::npos || fs::path(name).has_extension();
     scene_file = file(is_path ? name : "scenes/" + name + "/scene.sdf", " (another scene: --set scene=PATH.sdf)");
   }
-  const std::string tools = text("tools"), shapes = choice("robot_shapes"), reaction = choice("unphysical"),
-                    locked = text("lock"), passive = text("passive");
+  const std::string tools = text("tools"), reaction = choice("unphysical");
   std::vector<RobotRequest> requests;
-  std::string key = kCellKey + text::joined({scene_file.string(), tools, shapes, reaction, locked, passive}, "\n");
+  std::string key = kCellKey + text::joined({scene_file.string(), tools, reaction}, "\n");
   const auto place = [&](const std::string& name, const fs::path& urdf) {
-    RobotRequest request{name, urdf, {}};
+    RobotRequest request{name, urdf, choice("robot_shapes"), {}};
     request.options.unphysical = unphysical_of(reaction);
-    read_joint_settings("unit:" + unit_, name, locked, passive, request.options);
+    read_joint_settings("unit:" + unit_, name, text("lock"), text("passive"), request.options);
+    key += "\n" + text::joined({name, urdf.string(), request.shapes, text("lock"), text("passive")}, "\n");
     requests.push_back(std::move(request));
-    key += "\n" + name + ":" + urdf.string();
   };
   // Settings of the source have priority over those of the scenario for all units.
   const bool one_given = query_.contains("robot");
@@ -118,7 +119,7 @@ scene::Cell Settings::cell() {
       if (!names.insert(name).second) throw Error("unit:" + unit_, "robots=" + several + ": '" + name + "' stands there twice");
       place(name, robot_file(std::string(entry.substr(colon + 1)), " (another robot: robots=" + name + ":PATH.urdf)"));
     }
-    check_joint_settings("unit:" + unit_, names, locked, passive);
+    check_joint_settings("unit:" + unit_, names, text("lock"), text("passive"));
   } else if (!one.empty()) {
     place("", robot_file());
   }
@@ -130,8 +131,7 @@ scene::Cell Settings::cell() {
       made.cell.scene = scene::load(scene_file, &made.warnings);
     }
     const auto find = [this](const std::string& tool) { return file(tool); };
-    for (const RobotRequest& request : requests)
-      made.cell.robots.push_back(read_robot(request, shapes, tools, find, made.warnings));
+    for (const RobotRequest& request : requests) made.cell.robots.push_back(read_robot(request, tools, find, made.warnings));
     return made;
   });
   for (const std::string& warning : found->warnings) warn(warning);

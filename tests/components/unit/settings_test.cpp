@@ -8,6 +8,8 @@
 
 #include "components/unit/unit_table.h"
 #include "models/foundation/support/error.h"
+#include "models/foundation/support/file_store.h"
+#include "models/robot/robot_model.h"
 #include "models/scene/cell.h"
 #include "tests/support/places.h"
 
@@ -174,6 +176,51 @@ TEST(Settings, LockAndFreeJointsOfOneOfSeveralRobots) {
                 ThrowsMessage<Error>(HasSubstr("names no robot, expected robot/joint")))
         << wrong;
   }
+}
+
+TEST(Settings, ReadAFileOnceForAllWhoShareAStore) {
+  const std::filesystem::path folder = std::filesystem::temp_directory_path() / "cotwin_settings_store";
+  std::filesystem::create_directories(folder);
+  const std::filesystem::path models = std::filesystem::path(places::source()) / "models";
+  std::filesystem::copy_file(models / "robots/planar2/robot.urdf", folder / "arm.urdf",
+                             std::filesystem::copy_options::overwrite_existing);
+  const auto store = std::make_shared<FileStore>();
+  const auto with = [&](const std::string& query, const std::shared_ptr<FileStore>& models_of) {
+    SettingList list;
+    list.cell();
+    auto s = std::make_unique<Settings>("world", query, std::map<std::string, std::string>{}, std::vector{folder, models},
+                                        models_of);
+    s->declare(std::move(list));
+    return s;
+  };
+  const auto first = with("robot=arm.urdf", store), second = with("robot=arm.urdf", store);
+  const robot::RobotModel robot = first->robot();
+  second->robot();
+  EXPECT_EQ(first->robot_used(), second->robot_used());
+  EXPECT_EQ(second->robot_files(), std::vector{folder / "arm.urdf"});
+  // Another setting is another robot.
+  EXPECT_EQ(with("robot=arm.urdf&lock=" + robot.joints[0].name + ":0.1", store)->robot().n(), robot.n() - 1);
+  EXPECT_NE(with("robot=arm.urdf", nullptr)->robot_used(), first->robot_used());
+  const auto cell = with("robot=arm.urdf&scene=table", store), same = with("robot=arm.urdf&scene=table", store);
+  const scene::Cell read = cell->cell();
+  same->cell();
+  EXPECT_EQ(cell->cell_used(), same->cell_used());
+  EXPECT_EQ(read.robots.size(), 1u);
+  EXPECT_FALSE(read.scene.bodies.empty());
+  EXPECT_TRUE(with("robot=arm.urdf", store)->cell().scene.bodies.empty());
+  EXPECT_TRUE(with("robot=arm.urdf&scene=table&robot_shapes=none", store)->cell().robots[0].shapes[1].empty());
+  const auto idle = with("scene=table&lock=elbow:0", store);
+  idle->cell();
+  EXPECT_THAT([&] { idle->check_all_used(); }, ThrowsMessage<Error>(HasSubstr("has no effect")));
+  // A file that was read is not read again; one that could not be read is.
+  std::ofstream(folder / "arm.urdf") << "<robot";
+  EXPECT_EQ(with("robot=arm.urdf", store)->robot().n(), robot.n());
+  std::ofstream(folder / "late.urdf") << "<robot";
+  EXPECT_THROW(with("robot=late.urdf", store)->robot(), Error);
+  std::filesystem::copy_file(models / "robots/planar2/robot.urdf", folder / "late.urdf",
+                             std::filesystem::copy_options::overwrite_existing);
+  EXPECT_EQ(with("robot=late.urdf", store)->robot().n(), robot.n());
+  std::filesystem::remove_all(folder);
 }
 
 TEST(Settings, AXacroFileAsRobotIsReadAndRefusedWithAHint) {
