@@ -121,6 +121,7 @@ void Database::open(const Purpose& purpose, bool check) {
     };
     const bool empty = number_of("SELECT count(*) FROM sqlite_master") == 0;
     if (empty && number_of("PRAGMA user_version") == 0) {
+      if (purpose.schema.empty()) throw Error(file_, "is empty, expected " + what);
       execute("PRAGMA auto_vacuum = INCREMENTAL");  // only before the first table
     } else if (number_of("PRAGMA application_id") != purpose.application) {
       throw Error(file_, "is a database of another program, expected " + what + " or a new file");

@@ -93,7 +93,7 @@ struct Purpose {
   std::int32_t application;  // application_id of the file
   const char* what;          // "one of jobs", for messages
   std::int32_t version;      // of the tables
-  std::string schema;        // statements that create them
+  std::string schema;        // statements that create them; empty: there must be tables
 };
 
 class Database {

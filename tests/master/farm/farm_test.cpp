@@ -266,6 +266,12 @@ TEST(Farm, OpensOneStudyForOneFarm) {
   }
   EXPECT_THAT(error_of([&] { trial.begin(farm); }), HasSubstr("has a study already"));
   EXPECT_THAT(error_of([&] { Registry(trial.folder.path(), true); }), HasSubstr("has no study"));
+  // What a kill leaves at worst: an empty file, in which a study can begin.
+  trial.folder.write("killed/farm.db", "");
+  for (const bool reads : {true, false})
+    EXPECT_THAT(error_of([&] { Registry(trial.folder / "killed", reads); }), HasSubstr("is empty, expected one of a study"));
+  EXPECT_EQ(Registry(trial.folder / "killed", farm.facts(kBuild), {"tank.u"}, farm.figures()).totals().done, 0);
+  EXPECT_EQ(Registry(trial.folder / "killed", false).totals().done, 0);
   trial.folder.write("other/farm.db", "this is no database, but long enough to be taken for one by its size alone");
   EXPECT_THAT(error_of([&] { Registry(trial.folder / "other", false); }), HasSubstr("is damaged or no SQLite database"));
 }
