@@ -48,15 +48,15 @@ Farm::Farm(Study study, std::span<const UnitType> types)
     scenario_.stop = Time::from_seconds(*study_.stop);
   }
   scenario_.clock = {};
-  for (ComponentSpec& component : scenario_.components) {
-    if (!is_unit(component)) component.process = fmu::ProcessChoice::kOwn;
-  }
   try_values();
 }
 
 Scenario Farm::scenario_of(const std::vector<std::string>& point) const {
   Scenario scenario = scenario_;
   for (const std::string& assignment : study_.assignments(point)) assign(scenario, assignment, types_);
+  for (ComponentSpec& component : scenario.components) {
+    if (!is_unit(component)) component.source = with_setting(component.source, "process", "own");
+  }
   return scenario;
 }
 

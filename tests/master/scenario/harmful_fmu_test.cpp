@@ -140,6 +140,19 @@ TEST_F(HarmfulFmu, EndsTheRunWithAMessageAndKeepsTheRowsInItsOwnProcess) {
 }
 
 // These end the process in ways that it cannot handle itself: the watching process reports them and completes the results.
+TEST_F(HarmfulFmu, FailsRunsOfAStudyAndNotTheStudy) {
+  scenario("shared", "kill");
+  const RunResult farm =
+      program(words("farm plant.ssd --vary motion.time_scale=1:2 --runs 4 --threads 2 --out study"), "kill", "fmi2DoStep");
+  EXPECT_EQ(farm.code, 1);  // no run is done
+  EXPECT_THAT(farm.out,
+              AllOf(HasSubstr("plant: 4 of 4 runs, 4 failed\n  failed: 4 runs, first 1: pump at t = 0.5 s: harm2.fmu: "),
+                    HasSubstr("fmi2DoStep")));
+  const RunResult safe = program(words("farm plant.ssd --vary motion.time_scale=1:2 --runs 4 --threads 2 --out safe"), "", "");
+  EXPECT_EQ(safe.code, 0) << safe.err;
+  EXPECT_THAT(safe.out, HasSubstr("plant: 4 of 4 runs, 0 failed"));
+}
+
 TEST_F(HarmfulFmu, NeverEndsARunInSilence) {
   for (const std::string harm : {"_exit", "_Exit", "exit_group", "kill", "alarm", "file size", "file size signal"}) {
     const RunResult twin = program(scenario("shared", harm), harm, "fmi2DoStep");
