@@ -75,7 +75,16 @@ void Farm::try_values() {
     scenarios_ = scenarios_ * 0x100000001b3u ^ hash_of(scenario);
     return master_of(std::move(scenario));
   };
-  Master master = attempt(study_.design.typical());
+  const std::vector<std::string> typical = study_.design.typical();
+  Master master = [&] {
+    try {
+      return attempt(typical);
+    } catch (const Error& error) {
+      std::string values;
+      for (std::size_t k = 0; k < typical.size(); ++k) text::append(values, study_.design.factors[k].name + "=" + typical[k]);
+      throw Error(values, error.what());
+    }
+  }();
   for (const Member& member : master.members()) {
     if (reaches_outside(member))
       throw Error("component '" + member.name() + "'",

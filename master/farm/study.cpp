@@ -159,6 +159,11 @@ Study read_study(const Json& json, const std::string& place, const fs::path& fol
     study.limit = r.positive("limit_s", study.limit);
     read_design(r, study);
     r.finish();
+    for (const std::string& assignment : study.set) {
+      const std::string name = assignment.substr(0, assignment.find('='));
+      if (std::ranges::find(study.design.factors, name, &Factor::name) != study.design.factors.end())
+        throw services::RequestError("/set", name + " varies, expected it in vary or in set");
+    }
     object["name"] = study.name;
     study.text = object.dump();
     return study;

@@ -96,6 +96,8 @@ TEST(Study, RefusesWhatIsNone) {
   EXPECT_THAT(refused(R"("design": "sobol", "seed": 3, "runs": 3, "vary": {"a": {"uniform": [0, 1]}})"), HasSubstr("/seed"));
   EXPECT_THAT(refused(R"("design": "table")"), HasSubstr("/table: is missing"));
   EXPECT_THAT(refused(R"("rnus": 3, "runs": 3, "vary": {"a": {"uniform": [0, 1]}})"), HasSubstr("/rnus: is an unknown member"));
+  EXPECT_THAT(refused(R"("set": ["b=2", "a=1"], "runs": 3, "vary": {"a": {"uniform": [0, 1]}})"),
+              HasSubstr("/set: a varies, expected it in vary or in set"));
   EXPECT_THAT(refused(R"("limit_s": 0, "runs": 3, "vary": {"a": {"uniform": [0, 1]}})"), HasSubstr("/limit_s"));
   std::string many =
       R"("design": "grid", "vary": {"a": {"from": 0, "to": 1, "points": 100000}, "b": {"from": 0, "to": 1, "points": 100000}})";
