@@ -22,8 +22,8 @@ class Along {
  public:
   Along(const robot::RobotModel& robot, const Move& move, const ContactOptions& o)
       : u_(o.u),
-        mechanism_(robot),
-        data_(mechanism_),
+        dynamics_(robot, move.loads),
+        scratch_(dynamics_),
         frame_(robot::on_body(o.frame.empty() ? robot.end_effector() : robot.frame(o.frame))),
         B_(o.motors_held ? o.B : std::vector<double>{}),
         load_(o.load),
@@ -38,11 +38,13 @@ class Along {
     if (o.motors_held && o.B.size() != robot.joints.size())
       throw Error("motors", "are held, but the robot has no inertias of motors, expected a drive_train.ssv");
     const optimisation::Solution s = plan(robot, move).solution;
-    if (move.T == 0 && s.status != optimisation::Status::kFeasible)
+    if (move.searched() && s.status != optimisation::Status::kFeasible)
       throw Error("move", "no duration can be given (" + s.reason + "), expected T or other bounds");
     path_ = s.path;
     T = s.T;
   }
+  /// Of the motion at the time t.
+  double share(double t) const { return (t - path_.begin()) / T; }
 
   struct Sample : MassAt {
     double inertia = 0;
@@ -50,7 +52,7 @@ class Along {
   };
   Sample at(double t) {
     path_.at(t, span(q_), span(dq_), span(ddq_));
-    robot::frame_inertia(mechanism_, data_, q_,
+    robot::frame_inertia(dynamics_.mechanism(share(t)), scratch_.data, q_,
                          Eigen::Map<const Eigen::VectorXd>(B_.data(), static_cast<Eigen::Index>(B_.size())), frame_, f_);
     const Eigen::Vector3d v = f_.J.topRows<3>() * dq_;
     const bool moves = v.norm() > kResting;
@@ -76,9 +78,10 @@ class Along {
   }
 
   std::vector<Sample> grid() {
-    constexpr int kIntervals = 1000;
+    const std::size_t intervals = std::max<std::size_t>(1000, 2 * path_.times().size());
     std::vector<Sample> all;
-    for (int i = 0; i <= kIntervals; ++i) all.push_back(at(T * i / kIntervals));
+    for (std::size_t i = 0; i <= intervals; ++i)
+      all.push_back(at(path_.begin() + T * static_cast<double>(i) / static_cast<double>(intervals)));
     if (std::ranges::none_of(all, &Sample::counts))
       for (Sample& s : all) s.counts = true;
     return all;
@@ -95,7 +98,7 @@ class Along {
     m.heaviest = largest(grid, [&](const Sample& s) { return all || s.counts ? s.mass : kNever; });
     m.fastest = largest(grid, [](const Sample& s) { return std::abs(s.speed); });
     for (std::size_t i = 0; i < samples; ++i) {
-      const Sample s = at(T * static_cast<double>(i) / static_cast<double>(samples - 1));
+      const Sample s = at(path_.begin() + T * static_cast<double>(i) / static_cast<double>(samples - 1));
       m.t.push_back(s.t);
       m.mass.push_back(s.mass);
       m.inertia.push_back(s.inertia);
@@ -110,8 +113,8 @@ class Along {
   static std::span<double> span(Eigen::VectorXd& x) { return {x.data(), static_cast<std::size_t>(x.size())}; }
 
   std::optional<Eigen::Vector3d> u_;
-  robot::Mechanism mechanism_;
-  robot::Data data_;
+  robot::LoadedDynamics dynamics_;
+  robot::LoadedDynamics::Scratch scratch_;
   robot::FrameOnBody frame_;
   std::vector<double> B_;
   double load_;
@@ -134,11 +137,19 @@ PathSafety safety_along(const robot::RobotModel& robot, const Move& move, const 
       throw Error(name, text::to_text(value) + unit + ", expected a number of 0 or more");
   Along along(robot, move, o);
   const std::vector<Along::Sample> grid = along.grid();
+  const bool scales = move.is_path() || move.ends().at_rest();
   PathSafety r;
   r.masses = along.masses(grid, o.samples);
   r.T = along.T;
   r.safe = true;
-  const double simple = robot::simple_effective_mass(robot::moving_mass(robot), o.load);
+  // Of the robot with the load and what it carries at that time.
+  const auto simple = [&, M = robot::moving_mass(robot)](MassAt s) {
+    double load = o.load;
+    for (const robot::Payload& payload : move.loads.payloads)
+      if (payload.when.has(along.share(s.t))) load += payload.part.inertia.mass;
+    s.mass = robot::simple_effective_mass(M, load);
+    return s;
+  };
   for (const robot::BodyPart& part : o.parts) {
     const double force = (o.transient ? part.transient : part.quasi_static).on(o.area);
     const auto limit = [&](double mass) {
@@ -160,18 +171,19 @@ PathSafety safety_along(const robot::RobotModel& robot, const Move& move, const 
       m.limit = limit(worst.mass);
       m.energy = energy(hardest.mass, hardest.speed);
       m.t_energy = m.energy > 0 ? hardest.t : 0;
-      // Speeds are proportional to 1/T, masses and limits depend on the shape alone.
-      m.T_safe = r.T * m.share;
+      // Speeds are proportional to 1/T, masses and limits depend on the shape alone, unless the ends have speeds of their own.
+      m.T_safe = scales ? r.T * m.share : std::numeric_limits<double>::infinity();
       return m;
     };
     const auto share_at = [&](const MassAt& s) { return share(s.mass, s.speed); };
     const auto energy_at = [&](const MassAt& s) { return energy(s.mass, s.speed); };
-    MassAt fastest = r.masses.fastest;
-    fastest.mass = simple;
     PartRisk own;
     own.name = part.name;
     own.effective = risk(along.largest(grid, share_at), along.largest(grid, energy_at));
-    own.simple = risk(fastest, fastest);
+    own.simple = move.loads.payloads.empty()
+                     ? risk(simple(r.masses.fastest), simple(r.masses.fastest))
+                     : risk(simple(along.largest(grid, [&](const MassAt& s) { return share_at(simple(s)); })),
+                            simple(along.largest(grid, [&](const MassAt& s) { return energy_at(simple(s)); })));
     // At each time the larger mass has the larger share and the larger energy: so have their largest values.
     own.decisive = !o.only_effective && own.simple.share > own.effective.share ? own.simple : own.effective;
     if (!o.only_effective && own.simple.energy > own.effective.energy) {

@@ -15,7 +15,7 @@ struct ContactOptions {
   std::vector<robot::BodyPart> parts;
   bool transient = true;        // contact that the person can leave; false: clamping
   double area = 0;              // m², of the contact; 0: the pressure is not considered
-  double load = 0;              // kg, at the frame
+  double load = 0;              // kg, at the frame, beside the payloads of the move
   bool only_effective = false;  // the verdict is that of the effective mass, not of the larger of both
   std::size_t samples = 401;    // of the series
 };
@@ -38,7 +38,8 @@ struct MassRisk {
   double share = 0, t = 0;          // largest |speed| over its limit; > 1: too fast
   double speed = 0, limit = 0;      // m/s, there
   double energy = 0, t_energy = 0;  // largest energy of a collision, J
-  double T_safe = 0;                // s, duration from which on the shape is within the limit; +∞: contact is not permitted
+  double T_safe =
+      0;  // s, duration from which on the shape is within the limit; +∞: contact is not permitted, or a move does not begin and end at rest
 };
 
 struct PartRisk {

@@ -4,7 +4,6 @@
 #include "components/services/services.h"
 #include "models/foundation/support/text.h"
 #include "models/robot/drives/rigid_friction.h"
-#include "models/robot/dynamics.h"
 
 namespace cotwin::services {
 
@@ -18,17 +17,19 @@ std::string creeping(const optimisation::Problem& p, const optimisation::Solutio
   }
   if (!(needed > 0) || motion.T <= kFar * needed) return "";
   const std::size_t n = p.robot.joints.size();
-  const robot::Mechanism mechanism(p.robot);
-  robot::Data data(mechanism);
+  const robot::LoadedDynamics dynamics(p.robot, p.loads);
+  robot::LoadedDynamics::Scratch scratch(dynamics);
   std::vector<double> q(n), dq(n), ddq(n);
   Eigen::VectorXd gravity(p.robot.n());
   double most = 0, torque = 0, t = 0;
   std::size_t joint = 0;
   constexpr int kPlaces = 400;
   for (int i = 0; i <= kPlaces; ++i) {
-    const double at = motion.T * i / kPlaces;
+    const double at = motion.T * i / kPlaces, share = static_cast<double>(i) / kPlaces;
     motion.path.at(at, q, dq, ddq);
-    robot::gravity(mechanism, data, Eigen::Map<const Eigen::VectorXd>(q.data(), p.robot.n()), gravity);
+    const Eigen::Map<const Eigen::VectorXd> posture(q.data(), p.robot.n());
+    robot::gravity(dynamics.mechanism(share), scratch.data, posture, gravity);
+    gravity -= dynamics.wrench_torque(scratch, share, posture);
     for (std::size_t j = 0; j < n; ++j) {
       const auto term = [j](const std::vector<double>& values) { return values.empty() ? 0.0 : values[j]; };
       const double own =

@@ -13,7 +13,7 @@ namespace {
 constexpr double kJoulePerKilowattHour = 3.6e6;
 
 energetics::RigidRobot rigid(const Robot& robot, const Move& move) {
-  energetics::RigidRobot r(robot.model);
+  energetics::RigidRobot r(robot.model, move.loads);
   const auto take = [](std::vector<double>& values, const std::vector<double>& given) {
     if (!given.empty()) values = given;
   };
@@ -58,7 +58,7 @@ MotionCost energy_of(const Robot& robot, const Move& move, const EnergyOptions& 
   MotionCost cost;
   cost.plan = plan(robot.model, move);
   const optimisation::Solution& s = cost.plan.solution;
-  if (move.T == 0 && s.status != optimisation::Status::kFeasible)
+  if (move.searched() && s.status != optimisation::Status::kFeasible)
     throw Error("energy", "no duration of the move meets the bounds (" + s.reason + "), expected T or other bounds");
   const std::size_t n = robot.model.joints.size();
   cost.with_drives = robot.energy.has_value();
@@ -71,16 +71,22 @@ MotionCost energy_of(const Robot& robot, const Move& move, const EnergyOptions& 
   accountant.current = data.current;
   accountant.link = data.link;
   accountant.supply = data.supply;
-  cost.energy = energetics::energy_of_motion(body, s.path, accountant, data.standby);
+  constexpr std::size_t kIntervals = 1024;  // at least that many of a motion with many knots
+  const std::size_t per_knot = kIntervals / (s.path.times().size() - 1) + 1;
+  const energetics::MotionGrid grid{.intervals =
+                                        static_cast<int>(std::min<std::size_t>(per_knot, energetics::MotionGrid{}.intervals))};
+  cost.energy = energetics::energy_of_motion(body, s.path, accountant, data.standby, 1, 0, grid);
+  cost.energy.t_peak += s.path.begin();
   cost.assumed = data.assumed;
   if (o.cycle > 0 && o.cycle < s.T * (1 - 1e-12))
     throw Error("cycle", text::to_text(o.cycle) + " s, expected at least the move's " + text::to_text(s.T) + " s");
 
-  // Torques that hold the robot at the end; friction does not help.
-  robot::Data scratch(body.mechanism);
+  // Torques that hold the robot at the end, with what it then carries; friction does not help.
+  robot::LoadedDynamics::Scratch scratch(body.dynamics);
   const auto N = static_cast<Eigen::Index>(n);
   Eigen::VectorXd hold(N);
-  robot::gravity(body.mechanism, scratch, Eigen::Map<const Eigen::VectorXd>(move.to_q.data(), N), hold);
+  robot::gravity(body.dynamics.mechanism(1), scratch.data,
+                 Eigen::Map<const Eigen::VectorXd>(cost.plan.problem.ends.q_to.data(), N), hold);
   const double P_hold = accountant.holding_power({hold.data(), n});
   const auto wait = [&](double T) { return energetics::wait(data.standby, P_hold, std::max(o.cycle - T, 0.0)); };
   const auto from_mains = [&](const energetics::Waiting& w, double T) {
@@ -93,6 +99,10 @@ MotionCost energy_of(const Robot& robot, const Move& move, const EnergyOptions& 
   cost.price = cost.total() / kJoulePerKilowattHour * data.supply.price_per_kWh;
   cost.co2 = cost.total() / kJoulePerKilowattHour * data.supply.co2_per_kWh;
   if (!o.best || !cost.with_drives) return cost;
+  if (move.is_path() || !cost.plan.problem.ends.at_rest())
+    throw Error(
+        "energy",
+        "the best duration is asked for of a motion that is not from rest to rest by a polynomial, expected one that is");
 
   Move shortest = move;
   shortest.T = 0;

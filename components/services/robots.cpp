@@ -5,7 +5,9 @@
 
 #include "components/services/robot_files.h"
 #include "models/foundation/support/error.h"
+#include "models/foundation/support/file.h"
 #include "models/foundation/support/text.h"
+#include "models/robot/changes/tool.h"
 #include "models/robot/urdf/urdf.h"
 #include "models/scene/sdf/sdf.h"
 #include "models/scene/urdf/urdf_shapes.h"
@@ -134,12 +136,25 @@ scene::Scene Robots::scene(const std::string& name, std::vector<std::string>& no
                            ".sdf beside a folder with robots" + (paths_ ? ", or a path to an SDF file" : ""));
 }
 
-std::vector<scene::Shape> Robots::tool(const std::string& urdf, const Pose& X_BA, std::vector<std::string>& notes) const {
-  if (!paths_) throw Error("tool", "is a path to a URDF, expected a box: paths are for the command line");
-  if (!is_file(urdf)) throw Error("tool", "'" + urdf + "' is no file, expected a path to a URDF");
-  std::vector<scene::Shape> shapes = scene::shapes_of_tool(urdf, X_BA, &notes);
-  if (shapes.empty()) throw Error(urdf, "has no <collision> shapes, so it would meet nothing");
-  return shapes;
+fs::path Robots::tool_file(const std::string& name) const {
+  if (paths_ && is_file(name)) return name;
+  if (!is_plain(name))
+    throw Error("tool", "is not a name of letters, digits, '_', '-' and '.', expected one of the known tools" +
+                            std::string(paths_ ? ", or a path to a URDF" : "; paths are for the command line"));
+  for (const fs::path& folder : folders_)
+    if (const fs::path file = folder / "../tools" / (name + ".urdf"); is_file(file)) return file;
+  throw Error("tool", "'" + name + "' is unknown, expected tools/" + name + ".urdf beside a folder with robots" +
+                          (paths_ ? ", or a path to a URDF" : ""));
+}
+
+robot::Attachment Robots::tool(const std::string& name, const std::string& as) const {
+  const fs::path file = tool_file(name);
+  return robot::parse_tool(text::read_file(file, "a tool (.urdf)"), file.string(), as);
+}
+
+std::vector<scene::Shape> Robots::tool_shapes(const std::string& name, const Pose& X_BA,
+                                              std::vector<std::string>& notes) const {
+  return scene::shapes_of_tool(tool_file(name), X_BA, &notes);
 }
 
 fs::path Robots::urdf_of(const std::string& name) const {

@@ -12,6 +12,7 @@
 
 #include "models/energetics/books.h"
 #include "models/robot/body_parts.h"
+#include "models/robot/changes/attachment.h"
 #include "models/robot/drives/drive_parameters.h"
 #include "models/robot/robot_model.h"
 #include "models/scene/scene.h"
@@ -86,8 +87,10 @@ class Robots {
   /// The scene NAME: scenes/NAME/scene.sdf or scenes/NAME.sdf beside one of the folders; a path to an SDF file, if paths are allowed. `notes`: what
   /// its reader warned of. Throws Error.
   scene::Scene scene(const std::string& name, std::vector<std::string>& notes) const;
-  /// The shapes of a tool by a path to its URDF, at X_BA of the body that carries it. Throws Error, also where paths are not allowed.
-  std::vector<scene::Shape> tool(const std::string& urdf, const Pose& X_BA, std::vector<std::string>& notes) const;
+  /// The tool NAME: tools/NAME.urdf beside one of the folders; a path to a URDF, if paths are allowed: its mass and frames as the attachment
+  /// `as`, and its shapes at X_BA of the body that carries it. Both throw Error.
+  robot::Attachment tool(const std::string& name, const std::string& as) const;
+  std::vector<scene::Shape> tool_shapes(const std::string& name, const Pose& X_BA, std::vector<std::string>& notes) const;
   /// All names in the folders, sorted.
   std::vector<std::string> names() const;
   const std::string& fallback() const { return fallback_; }
@@ -99,6 +102,7 @@ class Robots {
     std::shared_ptr<const Robot> robot;
   };
   std::filesystem::path urdf_of(const std::string& name) const;
+  std::filesystem::path tool_file(const std::string& name) const;
 
   std::vector<std::filesystem::path> folders_;
   std::string fallback_;

@@ -23,11 +23,10 @@ using optimisation::Problem;
 using optimisation::Quantity;
 
 Problem problem_of(const robot::RobotModel& robot, const Move& move) {
-  const std::size_t n = robot.joints.size();
   Problem p;
   p.robot = robot;
-  const std::vector<double> zero(n, 0.0);
-  p.ends = {move.from_q, zero, zero, move.to_q, zero, zero};
+  p.ends = move.ends();
+  p.loads = move.loads;
   p.degree = move.degree;
   p.drives = move.drives;
   p.bounds = optimisation::bounds_of(robot, move.bounds);
@@ -40,6 +39,7 @@ Problem problem_of(const robot::RobotModel& robot, const Move& move) {
   if (move.T != 0 && !(move.T >= kBriefest && move.T <= kLongest))
     throw Error("move", "T " + text::to_text(move.T) + " s, expected 0 or " + text::to_text(kBriefest) + " to " +
                             text::to_text(kLongest) + " s");
+  if (move.searched() && !p.ends.at_rest()) throw Error("move", "begins or ends in motion without a duration, expected T");
   p.T_min = p.T_max = move.T > 0 ? move.T : 1.0;
   optimisation::check(p);
   return p;
@@ -84,15 +84,12 @@ double reach(double a, double b, double c, double limit) {
   return least;
 }
 
-/// The samples at which assess() checks torques, of a motion in 1 s.
-optimisation::Quadrature fine_places(const Problem& p) { return optimisation::gauss_panels(10 * ((p.samples + 7) / 8)); }
-
 /// The shortest T by the torques τ = a/T² + b/T + c at the samples that assess() checks.
 double shortest_by_torque(const Problem& p, const std::vector<double>& c) {
-  const optimisation::Quadrature nodes = fine_places(p);
+  const optimisation::Quadrature nodes = optimisation::gauss_panels(10 * ((p.samples + 7) / 8), p.loads.breaks());
   const std::size_t n = p.robot.joints.size(), count = nodes.s.size();
-  const robot::Mechanism mechanism(p.robot);
-  robot::Data data(mechanism);
+  const robot::LoadedDynamics dynamics(p.robot, p.loads);
+  robot::LoadedDynamics::Scratch scratch(dynamics);
   constexpr std::size_t kPart = 80;  // samples whose torques are computed together
   std::vector<double> q(n * kPart), dq(q), ddq(q), all(q), rest(q), gravity(q);
   // The motion in T = 1 s is linear in both ends and the coefficients.
@@ -114,8 +111,9 @@ double shortest_by_torque(const Problem& p, const std::vector<double>& c) {
     const std::size_t part = std::min(kPart, count - first);
     for (std::size_t r = 0; r < 3; ++r)
       numerics::combine(n, columns, part, x.data(), tables[r].data() + first, count, (r == 0 ? q : r == 1 ? dq : ddq).data());
-    robot::inverse_dynamics_batch(mechanism, data, part, q.data(), dq.data(), ddq.data(), all.data());
-    robot::inverse_dynamics_batch(mechanism, data, part, q.data(), rest.data(), rest.data(), gravity.data());
+    const double* const shares = nodes.s.data() + first;
+    dynamics.inverse_dynamics(scratch, part, shares, q.data(), dq.data(), ddq.data(), all.data());
+    dynamics.inverse_dynamics(scratch, part, shares, q.data(), rest.data(), rest.data(), gravity.data());
     for (std::size_t j = 0; j < n; ++j)
       for (std::size_t k = j * part; k < (j + 1) * part; ++k) {
         const double a = all[k] - gravity[k] + term(p.drives.B, j) * ddq[k], b = term(p.drives.sigma2, j) * dq[k];
@@ -171,6 +169,17 @@ std::pair<double, double> vertex(double a, double b, double c) {
 
 }  // namespace
 
+optimisation::Ends Move::ends() const {
+  const std::size_t n = is_path() ? path.joints() : from_q.size();
+  const auto or_rest = [n](const std::vector<double>& x) { return x.empty() ? std::vector<double>(n) : x; };
+  if (!is_path()) return {from_q, or_rest(dq_from), or_rest(ddq_from), to_q, or_rest(dq_to), or_rest(ddq_to)};
+  optimisation::Ends ends;
+  for (auto* x : {&ends.q_from, &ends.dq_from, &ends.ddq_from, &ends.q_to, &ends.dq_to, &ends.ddq_to}) x->resize(n);
+  path.at(path.begin(), ends.q_from, ends.dq_from, ends.ddq_from);
+  path.at(path.end(), ends.q_to, ends.dq_to, ends.ddq_to);
+  return ends;
+}
+
 double shortest_duration(const robot::RobotModel& robot, const Move& move) {
   const Problem p = problem_of(robot, move);
   return shortest(p, coefficients_of(p, move));
@@ -179,6 +188,10 @@ double shortest_duration(const robot::RobotModel& robot, const Move& move) {
 Plan plan(const robot::RobotModel& robot, const Move& move) {
   Plan plan;
   plan.problem = problem_of(robot, move);
+  if (move.is_path()) {
+    plan.solution = optimisation::assess(plan.problem, move.path);
+    return plan;
+  }
   const std::vector<double> c = coefficients_of(plan.problem, move);
   bool unlimited = false;
   const double T = move.T > 0 ? move.T : std::min(shortest(plan.problem, c, &unlimited, &plan.solution), kLongest);
@@ -187,32 +200,32 @@ Plan plan(const robot::RobotModel& robot, const Move& move) {
     plan.solution.status = optimisation::Status::kInfeasible;
     plan.solution.reason = "no bound limits the duration, expected bounds of speed, acceleration, jerk or torque";
   }
-  if (move.T == 0 && plan.solution.status == optimisation::Status::kFeasible)
+  if (move.searched() && plan.solution.status == optimisation::Status::kFeasible)
     if (const std::string note = creeping(plan.problem, plan.solution); !note.empty()) plan.notes.push_back(note);
   return plan;
 }
 
 namespace {
 
-/// `places`: of a motion in 1 s.
-Torques torques_at(const robot::RobotModel& robot, const Move& move, const Problem& p, std::span<const double> places) {
-  const std::vector<double> c = coefficients_of(p, move);
-  const double T = move.T > 0 ? move.T : shortest(p, c);
-  if (!std::isfinite(T)) throw Error("torques", "no duration of the move meets the bounds, expected T or other bounds");
-  const trajectory::Path path = optimisation::assess(p, c, p.ends.q_to, T).path;
-  const Eigen::Index n = robot.n();
-  const robot::Mechanism mechanism(robot);
-  robot::Data data(mechanism);
+/// At the shares `s` of the motion of `plan`.
+Torques torques_at(const Plan& plan, std::span<const double> s) {
+  const Problem& p = plan.problem;
+  const trajectory::Path& path = plan.solution.path;
+  const Eigen::Index n = p.robot.n();
+  const robot::LoadedDynamics dynamics(p.robot, p.loads);
+  robot::LoadedDynamics::Scratch scratch(dynamics);
   std::vector<double> q(static_cast<std::size_t>(n)), dq(q), ddq(q);
   const Eigen::Map<const Eigen::VectorXd> Q(q.data(), n), V(dq.data(), n), A(ddq.data(), n);
   Eigen::VectorXd all(n), h(n), g(n);
   Torques r;
-  for (const double place : places) {
-    r.t.push_back(T * place);
+  for (const double share : s) {
+    r.t.push_back(path.begin() + plan.solution.T * share);
     path.at(r.t.back(), q, dq, ddq);
-    robot::inverse_dynamics(mechanism, data, Q, V, A, all);
-    robot::bias(mechanism, data, Q, V, h);
-    robot::gravity(mechanism, data, Q, g);
+    const robot::Mechanism& mechanism = dynamics.mechanism(share);
+    robot::inverse_dynamics(mechanism, scratch.data, Q, V, A, all);
+    robot::bias(mechanism, scratch.data, Q, V, h);
+    robot::gravity(mechanism, scratch.data, Q, g);
+    const Eigen::VectorXd& tau_e = dynamics.wrench_torque(scratch, share, Q);
     double power = 0;
     for (Eigen::Index j = 0; j < n; ++j) {
       const std::size_t k = static_cast<std::size_t>(j);
@@ -224,7 +237,8 @@ Torques torques_at(const robot::RobotModel& robot, const Move& move, const Probl
       r.coriolis.push_back(h[j] - g[j]);
       r.gravity.push_back(g[j]);
       r.drive.push_back(drive);
-      power += (all[j] + drive) * dq[k];
+      r.external.push_back(-tau_e[j]);
+      power += (all[j] + drive - tau_e[j]) * dq[k];
     }
     r.power.push_back(power);
     if (power > r.peak_power) {
@@ -235,40 +249,54 @@ Torques torques_at(const robot::RobotModel& robot, const Move& move, const Probl
   return r;
 }
 
+Plan possible_plan(const robot::RobotModel& robot, const Move& move) {
+  Plan p = plan(robot, move);
+  if (move.searched() && p.solution.status != optimisation::Status::kFeasible)
+    throw Error("torques", "no duration of the move meets the bounds, expected T or other bounds");
+  return p;
+}
+
+std::vector<double> equidistant(std::size_t samples) {
+  std::vector<double> s;
+  for (std::size_t i = 0; i < samples; ++i) s.push_back(static_cast<double>(i) / static_cast<double>(samples - 1));
+  return s;
+}
+
 }  // namespace
 
 Torques torques(const robot::RobotModel& robot, const Move& move, std::size_t samples) {
   if (samples < 2 || samples > 1000000) throw Error("torques", std::to_string(samples) + " samples, expected 2 to 1000000");
-  std::vector<double> places;
-  for (std::size_t i = 0; i < samples; ++i) places.push_back(static_cast<double>(i) / static_cast<double>(samples - 1));
-  return torques_at(robot, move, problem_of(robot, move), places);
+  return torques_at(possible_plan(robot, move), equidistant(samples));
 }
 
 Torques torques_at_peaks(const robot::RobotModel& robot, const Move& move) {
-  const Problem p = problem_of(robot, move);
-  return torques_at(robot, move, p, fine_places(p).s);
+  const Plan p = possible_plan(robot, move);
+  return torques_at(p, optimisation::places(p.problem, p.solution.path).s);
 }
 
 PeakPower peak_power(const robot::RobotModel& robot, const Move& move) {
-  constexpr std::size_t kSamples = 4001;
-  const Torques t = torques(robot, move, kSamples);
+  const Plan p = possible_plan(robot, move);
+  const std::size_t samples = std::max<std::size_t>(4001, 4 * p.solution.path.times().size());
+  const std::vector<double> s = equidistant(samples), breaks = move.loads.breaks();
+  const Torques t = torques_at(p, s);
   const std::size_t n = robot.joints.size();
   const auto extreme = [&](const std::vector<double>& power, double sign) {
     std::size_t at = 0;
-    for (std::size_t i = 0; i < kSamples; ++i)
+    for (std::size_t i = 0; i < samples; ++i)
       if (sign * power[i] > sign * power[at]) at = i;
-    if (at == 0 || at + 1 == kSamples) return PeakPower::Extreme{power[at], t.t[at]};
+    const auto leaps = [&](double share) { return share >= s[at - 1] && share <= s[at + 1]; };
+    if (at == 0 || at + 1 == samples || std::ranges::any_of(breaks, leaps)) return PeakPower::Extreme{power[at], t.t[at]};
     const auto [x, value] = vertex(sign * power[at - 1], sign * power[at], sign * power[at + 1]);
     return PeakPower::Extreme{sign * value, t.t[at] + x * (t.t[1] - t.t[0])};
   };
   PeakPower r;
   r.drawn = extreme(t.power, 1);
   r.returned = extreme(t.power, -1);
-  std::vector<double> own(kSamples);
+  std::vector<double> own(samples);
   for (std::size_t j = 0; j < n; ++j) {
-    for (std::size_t i = 0; i < kSamples; ++i) {
+    for (std::size_t i = 0; i < samples; ++i) {
       const std::size_t k = i * n + j;
-      own[i] = (t.inertial[k] + t.coriolis[k] + t.gravity[k] + t.drive[k]) * t.dq[k];
+      own[i] = t.torque(k) * t.dq[k];
     }
     r.joint_drawn.push_back(extreme(own, 1));
     r.joint_returned.push_back(extreme(own, -1));

@@ -13,14 +13,24 @@
 ///   json.h, schemas.h   the same as JSON
 namespace cotwin::services {
 
-/// A motion from rest to rest: a polynomial of degree 5 and more, see models/trajectory/polynomial.h.
+/// A motion, and what acts on the robot meanwhile: a polynomial of degree 5 and more (models/trajectory/polynomial.h), or a path of any kind.
 struct Move {
-  std::vector<double> from_q, to_q;  // n, rad or m
-  double T = 0;                      // s; 0: the shortest one within the bounds
+  std::vector<double> from_q, to_q;    // n, rad or m
+  std::vector<double> dq_from, dq_to;  // n, rad/s or m/s; empty: at rest. A move that is not at rest needs T
+  std::vector<double> ddq_from, ddq_to;
+  double T = 0;  // s; 0: the shortest one within the bounds
   int degree = 5;
   std::vector<double> c;        // n · (degree − 5), joint by joint; empty: zeros
+  trajectory::Path path;        // in place of all of these, where it has joints; times in replies are then its own
   optimisation::Bounds bounds;  // empty vectors: those of the robot
   optimisation::DriveTerms drives;
+  robot::Loads loads;
+
+  bool is_path() const { return path.joints() > 0; }
+  /// Whether the duration is to be found.
+  bool searched() const { return T == 0 && !is_path(); }
+  /// The conditions at both ends.
+  optimisation::Ends ends() const;
 };
 
 /// A move with its duration.
@@ -52,11 +62,13 @@ struct Torques {
   std::vector<double> t;                                   // s
   std::vector<double> q, dq, ddq;                          // rad or m, and derivatives
   std::vector<double> inertial, coriolis, gravity, drive;  // M q̈, C q̇, g, and the terms of the motors
-  std::vector<double> power;                               // Σ τ q̇ of each sample, W
-  double peak_power = 0, peak_power_t = 0;                 // largest Σ τ q̇ at a sample, W, s
+  std::vector<double> external;                            // −J_Fᵀ f of the external wrench
+  double torque(std::size_t k) const { return inertial[k] + coriolis[k] + gravity[k] + drive[k] + external[k]; }
+  std::vector<double> power;                // Σ τ q̇ of each sample, W
+  double peak_power = 0, peak_power_t = 0;  // largest Σ τ q̇ at a sample, W, s
 };
 Torques torques(const robot::RobotModel& robot, const Move& move, std::size_t samples);
-/// At the places at which plan() looks for the peaks of torques: about 2000, not equidistant.
+/// At the places at which plan() looks for the peaks of torques: 2000 and more, not equidistant.
 Torques torques_at_peaks(const robot::RobotModel& robot, const Move& move);
 
 /// Mechanical power of the motors.
@@ -68,7 +80,7 @@ struct PeakPower {
   std::vector<Extreme> joint_drawn;     // largest τ q̇ of each joint
   std::vector<Extreme> joint_returned;  // least, negative where a motor brakes
 };
-/// From 4001 samples with a parabola through the three about each extreme.
+/// From 4001 samples, or four per knot of a path, with a parabola through the three about each extreme.
 PeakPower peak_power(const robot::RobotModel& robot, const Move& move);
 
 /// Time after which the step response of M ẍ + D ẋ + S x = S x_d remains within `share` of its end, s: from the poles. Throws Error

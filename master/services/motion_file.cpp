@@ -44,8 +44,15 @@ std::string motion_file(const std::string& motion) {
     throw Error("motion", "lacks its unit or its duration, expected those of a reply");
   set.name = object["unit"].get<std::string>();
   set.values.push_back({"T", object["T_s"].get<double>(), "s", ""});
-  for (const char* name : {"q_start", "q_end", "c_r"}) {
-    for (const std::string& member : {std::string(name), std::string(name) + "_rad"}) {
+  using Name = std::pair<const char*, const char*>;
+  for (const auto& [name, unit] : {Name{"q_start", "_rad"},
+                                   {"dq_start", "_rad_per_s"},
+                                   {"ddq_start", "_rad_per_s2"},
+                                   {"q_end", "_rad"},
+                                   {"dq_end", "_rad_per_s"},
+                                   {"ddq_end", "_rad_per_s2"},
+                                   {"c_r", "_rad"}}) {
+    for (const std::string& member : {std::string(name), std::string(name) + unit}) {
       if (!object.contains(member)) continue;
       std::string list;
       for (const Json& value : object[member]) {

@@ -14,8 +14,8 @@ namespace {
 /// Places at which a path is divided, and the states at the nodes between them. Arrays by joint: joint j of node s at [j · count + s].
 struct Nodes {
   std::vector<double> cuts;
-  std::size_t n = 0, count = 0;  // joints, nodes
-  std::vector<double> q, dq, ddq, tau;
+  std::size_t n = 0, count = 0;            // joints, nodes
+  std::vector<double> s, q, dq, ddq, tau;  // s: share of the motion
   double length(std::size_t k) const { return cuts[k + 1] - cuts[k]; }
 };
 
@@ -59,12 +59,16 @@ Nodes make_nodes(const RigidRobot& robot, const trajectory::Path& path, MotionGr
     }
   }
   cuts.push_back(times.back());
+  const double begin = times.front(), T = times.back() - begin;
+  for (const double s : robot.dynamics.begins()) cuts.push_back(begin + s * T);
   std::ranges::sort(cuts);
   nodes.count = (cuts.size() - 1) * kNodes;
   for (auto* v : {&nodes.q, &nodes.dq, &nodes.ddq, &nodes.tau}) v->resize(nodes.n * nodes.count);
   for (std::size_t k = 0; k + 1 < cuts.size(); ++k) {
     for (std::size_t g = 0; g < kNodes; ++g) {
-      path.at(cuts[k] + kNode[g] * nodes.length(k), q, dq, ddq);
+      const double t = cuts[k] + kNode[g] * nodes.length(k);
+      path.at(t, q, dq, ddq);
+      nodes.s.push_back((t - begin) / T);
       for (std::size_t j = 0; j < nodes.n; ++j) {
         const std::size_t at = j * nodes.count + k * kNodes + g;
         nodes.q[at] = q[j];
@@ -76,35 +80,35 @@ Nodes make_nodes(const RigidRobot& robot, const trajectory::Path& path, MotionGr
   return nodes;
 }
 
-struct EndStates {
-  double kinetic = 0, potential = 0;
-  std::vector<double> position;  // end minus beginning, per joint
-};
-
-EndStates end_states(const RigidRobot& robot, robot::Data& data, const trajectory::Path& path, double stretch) {
+/// What the motion adds to kinetic and potential energy, in each phase with the bodies that the robot then has.
+void add_energies(const RigidRobot& robot, robot::Data& data, const trajectory::Path& path, double stretch,
+                  MotionEnergy& energy) {
   const auto n = static_cast<Eigen::Index>(robot.n());
-  EndStates change;
-  change.position.assign(robot.n(), 0);
   Eigen::VectorXd q(n), dq(n), ddq(n);
-  for (const double side : {-1.0, 1.0}) {
-    path.at(side < 0 ? path.begin() : path.end(), {q.data(), robot.n()}, {dq.data(), robot.n()}, {ddq.data(), robot.n()});
-    dq /= stretch;
-    double kinetic = kinetic_energy(robot.mechanism, data, q, dq);
-    for (std::size_t j = 0; j < robot.n(); ++j) {
-      const double v = dq[static_cast<Eigen::Index>(j)];
-      kinetic += 0.5 * robot.B[j] * v * v;
-      change.position[j] += side * q[static_cast<Eigen::Index>(j)];
+  std::vector<double> shares = robot.dynamics.begins();
+  shares.push_back(1);
+  for (std::size_t phase = 0; phase + 1 < shares.size(); ++phase) {
+    const robot::Mechanism& mechanism = robot.dynamics.mechanism(shares[phase]);
+    for (const double side : {-1.0, 1.0}) {
+      const double s = shares[phase + (side < 0 ? 0 : 1)];
+      path.at(s < 1 ? path.begin() + s * (path.end() - path.begin()) : path.end(), {q.data(), robot.n()},
+              {dq.data(), robot.n()}, {ddq.data(), robot.n()});
+      dq /= stretch;
+      double kinetic = kinetic_energy(mechanism, data, q, dq);
+      for (std::size_t j = 0; j < robot.n(); ++j) {
+        const double v = dq[static_cast<Eigen::Index>(j)];
+        kinetic += 0.5 * robot.B[j] * v * v;
+      }
+      energy.kinetic += side * kinetic;
+      energy.potential += side * potential_energy(mechanism, data, q);
     }
-    change.kinetic += side * kinetic;
-    change.potential += side * potential_energy(robot.mechanism, data, q);
   }
-  return change;
 }
 
 }  // namespace
 
-RigidRobot::RigidRobot(const robot::RobotModel& robot)
-    : mechanism(robot), B(static_cast<std::size_t>(robot.n())), tau_C(B), sigma(B), tau_0(B), passive(B.size()) {
+RigidRobot::RigidRobot(const robot::RobotModel& robot, const robot::Loads& loads)
+    : dynamics(robot, loads), B(static_cast<std::size_t>(robot.n())), tau_C(B), sigma(B), tau_0(B), passive(B.size()) {
   for (std::size_t j = 0; j < n(); ++j) passive[j] = robot.joints[j].passive;
 }
 
@@ -127,9 +131,9 @@ MotionEnergy energy_of_motion(const RigidRobot& robot, const trajectory::Path& p
   Nodes nodes = make_nodes(robot, path, grid);
   for (double& dq : nodes.dq) dq /= stretch;
   for (double& ddq : nodes.ddq) ddq /= stretch * stretch;
-  robot::Data data(robot.mechanism);
-  inverse_dynamics_batch(robot.mechanism, data, nodes.count, nodes.q.data(), nodes.dq.data(), nodes.ddq.data(),
-                         nodes.tau.data());
+  robot::LoadedDynamics::Scratch scratch(robot.dynamics);
+  robot.dynamics.inverse_dynamics(scratch, nodes.count, nodes.s.data(), nodes.q.data(), nodes.dq.data(), nodes.ddq.data(),
+                                  nodes.tau.data());
   const std::size_t n = robot.n();
   MotionEnergy energy;
   energy.books = EnergyBooks(n);
@@ -138,8 +142,15 @@ MotionEnergy energy_of_motion(const RigidRobot& robot, const trajectory::Path& p
     const double h = stretch * nodes.length(k);
     if (!(h > 0)) continue;  // several joints reverse at the same time
     for (std::size_t g = 0; g < kNodes; ++g) {
+      const std::size_t own = k * kNodes + g;
+      if (robot.dynamics.pushed(nodes.s[own])) {
+        for (std::size_t j = 0; j < n; ++j) scratch.q[static_cast<Eigen::Index>(j)] = nodes.q[j * nodes.count + own];
+        const Eigen::VectorXd& tau_e = robot.dynamics.wrench_torque(scratch, nodes.s[own], scratch.q);
+        for (std::size_t j = 0; j < n; ++j)
+          energy.external += h * kWeight[g] * tau_e[static_cast<Eigen::Index>(j)] * nodes.dq[j * nodes.count + own];
+      }
       for (std::size_t j = 0; j < n; ++j) {
-        const std::size_t at = j * nodes.count + k * kNodes + g, node = g * n + j;
+        const std::size_t at = j * nodes.count + own, node = g * n + j;
         const double dq = nodes.dq[at];
         const double tau_f = robot::rigid_friction(robot.tau_C[j], robot.sigma[j], robot.tau_0[j], robot::coulomb_sign(dq), dq);
         accountant.tau[node] = robot.passive[j] ? 0 : nodes.tau[at] + robot.B[j] * nodes.ddq[at] + tau_f;
@@ -152,9 +163,7 @@ MotionEnergy energy_of_motion(const RigidRobot& robot, const trajectory::Path& p
     accountant.add(h, true, standby.P_0 + standby.P_brake, 0, standby.controller, energy.V, energy.books);
     if (energy.books.peak_power > peak) energy.t_peak = stretch * (nodes.cuts[k] - path.begin()) + 0.5 * h;
   }
-  const EndStates change = end_states(robot, data, path, stretch);
-  energy.kinetic = change.kinetic;
-  energy.potential = change.potential;
+  add_energies(robot, scratch.data, path, stretch, energy);
   return energy;
 }
 

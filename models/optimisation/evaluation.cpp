@@ -24,7 +24,7 @@ double scale_of(double low, double high) {
 
 }  // namespace
 
-Evaluator::Scratch::Scratch(const Evaluator& e) : data(e.mechanism_) {
+Evaluator::Scratch::Scratch(const Evaluator& e) : loaded(e.dynamics_) {
   const std::size_t n = e.n_;
   for (auto& part : x) part.assign(n * e.basis_.columns() * kLanes, 0.0);
   std::size_t room = std::max(e.exact_tables_[0].room(), e.exact_tables_[1].room());
@@ -39,7 +39,7 @@ Evaluator::Scratch::Scratch(const Evaluator& e) : data(e.mechanism_) {
   sums.resize(e.problem_.costs.size());
   if (e.electrical_) drawn.resize(e.samples());
   const Problem& p = e.problem();
-  if (e.contact_) contact.emplace(p.robot, *p.contact);
+  if (e.contact_) contact.emplace(robot::loaded(p.robot, p.loads, 0), *p.contact);
   if (e.compliant_) {
     compliant.emplace(p.robot, *p.compliant);
     compliance.resize(p.compliant->axes.size());
@@ -53,8 +53,8 @@ Evaluator::Evaluator(const Problem& problem)
     : problem_((check(problem), problem)),
       n_(problem.robot.joints.size()),
       basis_(problem.degree, problem.ends.at_rest()),
-      mechanism_(problem.robot),
-      nodes_(gauss_panels((problem.samples + kGroup - 1) / kGroup)),
+      dynamics_(problem.robot, problem.loads),
+      nodes_(gauss_panels((problem.samples + kGroup - 1) / kGroup, problem.loads.breaks())),
       exact_(gauss_legendre(static_cast<std::size_t>(problem.degree))) {
   for (int r = 0; r < 4; ++r) hull_[static_cast<std::size_t>(r)] = basis_.hull(kParts, r);
   const auto set_tables = [&](std::array<std::vector<double>, 3>& tables, const std::vector<double>& places) {
@@ -66,6 +66,14 @@ Evaluator::Evaluator(const Problem& problem)
       }
   };
   set_tables(tables_, nodes_.s);
+  std::vector<double> begins = dynamics_.begins();
+  begins.push_back(1);
+  const auto sample_at = [&](double s) {
+    return static_cast<std::size_t>(std::ranges::lower_bound(nodes_.s, s) - nodes_.s.begin());
+  };
+  for (std::size_t k = 0; k + 1 < begins.size(); ++k)
+    for (std::size_t next = sample_at(begins[k]); next < sample_at(begins[k + 1]); next += kPart) parts_.push_back(next);
+  parts_.push_back(nodes_.s.size());
   for (int r = 2; r < 4; ++r) exact_tables_[static_cast<std::size_t>(r - 2)] = basis_.table(exact_.s, r);
   torques_ =
       std::any_of(problem.costs.begin(), problem.costs.end(), [](const CostTerm& t) { return needs_torques(t.quantity); });
@@ -233,8 +241,8 @@ void Evaluator::dynamics(const Motions& m, std::size_t lane, Scratch& s, Values&
   std::fill(s.largest.begin(), s.largest.end(), 0.0);
   std::fill(s.squares.begin(), s.squares.end(), 0.0);
   std::fill(s.sums.begin(), s.sums.end(), 0.0);
-  for (std::size_t first = 0; first < S; first += kPart) {
-    const std::size_t count = std::min(kPart, S - first);
+  for (std::size_t part = 0; part + 1 < parts_.size(); ++part) {
+    const std::size_t first = parts_[part], count = parts_[part + 1] - first;
     for (std::size_t r = 0; r < 3; ++r) {
       for (std::size_t i = 0; i < n_ * columns; ++i) s.own[i] = s.x[r][i * kLanes + lane];
       numerics::combine(n_, columns, count, s.own.data(), tables_[r].data() + first, S,
@@ -243,7 +251,7 @@ void Evaluator::dynamics(const Motions& m, std::size_t lane, Scratch& s, Values&
                                   : s.ddq)
                             .data());
     }
-    robot::inverse_dynamics_batch(mechanism_, s.data, count, s.q.data(), s.dq.data(), s.ddq.data(), s.tau.data());
+    dynamics_.inverse_dynamics(s.loaded, count, nodes_.s.data() + first, s.q.data(), s.dq.data(), s.ddq.data(), s.tau.data());
     add_drives(s, count);
     if (visit) visit(lane, first, count, s.tau.data(), s.dq.data());
     const double* w = nodes_.w.data() + first;

@@ -8,7 +8,7 @@
 #include "models/optimisation/drive_power.h"
 #include "models/optimisation/problem.h"
 #include "models/optimisation/quadrature.h"
-#include "models/robot/dynamics.h"
+#include "models/robot/changes/loads.h"
 
 namespace cotwin::optimisation {
 
@@ -90,8 +90,9 @@ class Evaluator {
   Problem problem_;
   std::size_t n_;
   MotionBasis basis_;
-  robot::Mechanism mechanism_;
+  robot::LoadedDynamics dynamics_;
   Quadrature nodes_, exact_;
+  std::vector<std::size_t> parts_;  // where parts with the same loads begin, of at most 64 samples; then the number of samples
   std::array<numerics::BatchMatrix, 4> hull_;
   std::array<std::vector<double>, 3> tables_;          // of q, q′ and q″: column c at the samples from [c · samples()] on
   std::array<numerics::BatchMatrix, 2> exact_tables_;  // q″ and q‴ at the nodes of exact_
@@ -106,7 +107,7 @@ class Evaluator::Scratch {
 
  private:
   friend class Evaluator;
-  robot::Data data;
+  robot::LoadedDynamics::Scratch loaded;
   std::array<std::vector<double>, 4> x;  // n · columns · kLanes: coordinates divided by Tʳ
   std::vector<double> rows;              // of hulls and exact tables
   struct Undecided {                     // bounds of the derivative of a joint that the hull does not decide

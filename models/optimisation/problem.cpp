@@ -145,6 +145,19 @@ void check(const Problem& p) {
            text::to_text(p.bounds.q_max[j]) + ", expected them in ascending order");
   for (const auto* terms : {&p.drives.B, &p.drives.sigma2, &p.drives.tau_C, &p.drives.tau_0})
     if (!terms->empty()) expect_finite("a term of the drives", *terms, n);
+  const auto expect_interval = [](const robot::Interval& when) {
+    if (!(when.from >= 0 && when.from < when.to && when.to <= 1))
+      fail("a load acts from the share " + text::to_text(when.from) + " to " + text::to_text(when.to) +
+           " of the motion, expected 0 <= from < to <= 1");
+  };
+  for (const robot::Payload& payload : p.loads.payloads) {
+    expect_interval(payload.when);
+    if (p.contact && !payload.when.whole())
+      fail("payload '" + payload.part.name +
+           "' comes or goes on the way, expected it all the way with the costs effective_mass and safety");
+  }
+  if (p.loads.wrench) expect_interval(p.loads.wrench->when);
+  if (p.loads.wrench && !p.loads.wrench->f.allFinite()) fail("the external wrench is not finite, expected finite numbers");
   if (!(p.T_min > 0 && p.T_min <= p.T_max && std::isfinite(p.T_max)))
     fail("T from " + text::to_text(p.T_min) + " to " + text::to_text(p.T_max) + " s, expected 0 < T_min <= T_max");
   constexpr int kMost = trajectory::bernstein::kMaxDegree;

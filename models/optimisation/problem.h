@@ -9,6 +9,7 @@
 #include "models/energetics/books.h"
 #include "models/optimisation/frame_values.h"
 #include "models/optimisation/motion_basis.h"
+#include "models/robot/changes/loads.h"
 #include "models/robot/robot_model.h"
 
 /// Optimisation of point-to-point motions (V-B): polynomials of degree 5 to 31 whose redundant coefficients c_r, duration and
@@ -91,6 +92,7 @@ struct Problem {
   int degree = 9;
   Bounds bounds;
   DriveTerms drives;
+  robot::Loads loads;
   std::vector<CostTerm> costs;
   std::size_t samples = 200;                // of the torques, rounded up to a multiple of 8
   double torque_margin = 0.005;             // share of the torque bounds that is kept free at the samples

@@ -1,5 +1,6 @@
 #include "models/optimisation/quadrature.h"
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 
@@ -30,15 +31,20 @@ Quadrature gauss_legendre(std::size_t count) {
   return rule;
 }
 
-Quadrature gauss_panels(std::size_t panels) {
+Quadrature gauss_panels(std::size_t panels, std::span<const double> cuts) {
   const Quadrature one = gauss_legendre(8);
   Quadrature all;
-  const double count = static_cast<double>(panels);
-  for (std::size_t panel = 0; panel < panels; ++panel)
-    for (std::size_t i = 0; i < 8; ++i) {
-      all.s.push_back((static_cast<double>(panel) + one.s[i]) / count);
-      all.w.push_back(one.w[i] / count);
-    }
+  double begin = 0;
+  for (std::size_t k = 0; k <= cuts.size(); ++k) {
+    const double end = k < cuts.size() ? cuts[k] : 1, length = end - begin;
+    const double count = std::max(1.0, std::round(static_cast<double>(panels) * length));
+    for (double panel = 0; panel < count; ++panel)
+      for (std::size_t i = 0; i < 8; ++i) {
+        all.s.push_back(begin + length * ((panel + one.s[i]) / count));
+        all.w.push_back(length * (one.w[i] / count));
+      }
+    begin = end;
+  }
   return all;
 }
 

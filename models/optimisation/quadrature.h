@@ -1,5 +1,6 @@
 #pragma once
 #include <cstddef>
+#include <span>
 #include <vector>
 
 namespace cotwin::optimisation {
@@ -11,7 +12,8 @@ struct Quadrature {
 
 /// Gauss–Legendre with `count` ≥ 1 nodes: exact for polynomials of degree 2 count − 1.
 Quadrature gauss_legendre(std::size_t count);
-/// Gauss–Legendre with eight nodes on each of `panels` ≥ 1 equal parts.
-Quadrature gauss_panels(std::size_t panels);
+/// Gauss–Legendre with eight nodes on each of about `panels` ≥ 1 parts, equal ones between two neighbours of `cuts`, ascending places within
+/// (0, 1).
+Quadrature gauss_panels(std::size_t panels, std::span<const double> cuts = {});
 
 }  // namespace cotwin::optimisation

@@ -95,6 +95,13 @@ struct Solution {
 Solution assess(const Problem& problem, std::span<const double> c, std::span<const double> q_to, double T,
                 std::span<const ComplianceValues> compliance = {});
 
+/// Places in (0, 1) at which assess() looks at the torques of a path: at least ten times the problem's samples, between its knots and where loads
+/// come and go.
+Quadrature places(const Problem& problem, const trajectory::Path& path);
+/// Costs (time, torque, work, shared_work, acceleration, jerk) and peaks of a motion of any kind in place of the problem's polynomials; without c.
+/// Times are those of the path. Throws Error for other costs.
+Solution assess(const Problem& problem, const trajectory::Path& path);
+
 /// The parameters of Problem::compliant of least Σ weight · cost for a motion as assess() takes it, or of least settling time if no
 /// cost with a weight depends on them; with Deb's rules for its conditions. Searched from `start` (empty: the middle).
 std::vector<ComplianceValues> best_compliance(const Problem& problem, std::span<const double> c, std::span<const double> q_to,

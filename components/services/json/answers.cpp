@@ -12,8 +12,8 @@ namespace {
 
 bool feasible(const Plan& p) { return p.solution.status == optimisation::Status::kFeasible; }
 
-/// Series of a move per joint.
-Json series_of(const robot::RobotModel& robot, const Torques& t, bool terms) {
+/// Series of a move per joint; `terms` of the torques, and that of a wrench.
+Json series_of(const robot::RobotModel& robot, const Torques& t, bool terms, bool external) {
   const JointUnits units(robot);
   const std::size_t n = robot.joints.size();
   const auto column = [&](const std::vector<double>& rows, std::size_t j) {
@@ -28,15 +28,15 @@ Json series_of(const robot::RobotModel& robot, const Torques& t, bool terms) {
              {name("q", 0), column(t.q, j)},
              {name("dq", 1), column(t.dq, j)},
              {name("ddq", 2), column(t.ddq, j)}};
-    std::vector<double> sum = column(t.inertial, j);
-    const std::vector<double> coriolis = column(t.coriolis, j), gravity = column(t.gravity, j), drive = column(t.drive, j);
     if (terms) {
-      own[name("inertial", 4)] = sum;
-      own[name("coriolis", 4)] = coriolis;
-      own[name("gravity", 4)] = gravity;
-      own[name("drive", 4)] = drive;
+      own[name("inertial", 4)] = column(t.inertial, j);
+      own[name("coriolis", 4)] = column(t.coriolis, j);
+      own[name("gravity", 4)] = column(t.gravity, j);
+      own[name("drive", 4)] = column(t.drive, j);
+      if (external) own[name("external", 4)] = column(t.external, j);
     }
-    for (std::size_t i = 0; i < sum.size(); ++i) sum[i] += coriolis[i] + gravity[i] + drive[i];
+    std::vector<double> sum;
+    for (std::size_t k = j; k < t.q.size(); k += n) sum.push_back(t.torque(k));
     own[name("tau", 4)] = sum;
     joints.push_back(own);
   }
@@ -55,44 +55,45 @@ Move at(const Move& m, double T) {
 
 Plan plan_of(const Robot& robot, const Move& m) {
   Plan p = plan(robot.model, m);
-  if (m.T == 0 && !feasible(p))
+  if (m.searched() && !feasible(p))
     throw RequestError("",
                        "no duration of the move meets the bounds (" + p.solution.reason + "), expected T_s or other bounds");
   return p;
 }
 
 Json answer_feasibility(const Robot& robot, Reader& r, const Context& context) {
-  const Move m = read_move(robot, r, true);
+  const MoveRequest m = read_move(robot, r, context, kAnyMotion);
   const Detail detail = read_detail(r);
   const std::size_t samples = read_samples(r);
-  std::optional<ClearOf> clear = ClearOf::read(robot, r, context);
+  std::optional<ClearOf> clear = ClearOf::read(robot, r, context, m.carried);
   if (!r.finish(context)) return {};
   const Plan p = plan(robot.model, m);
   const optimisation::Solution& s = p.solution;
-  const bool none = m.T == 0 && !feasible(p);
+  const bool none = m.searched() && !feasible(p);
   Json reply{{"feasible", feasible(p)},
              {"reason", s.reason},
              {"T_s", none ? Json(nullptr) : Json(s.T)},
              {"limiting", limiting_of(robot.model, s.peaks)}};
   if (clear && !none) (void)clear->judge(s.path, reply);
+  add_notes(reply, m.notes);
   add_notes(reply, p.notes);
   if (detail >= Detail::kMargins) reply["joints"] = peaks_of(robot.model, s.peaks);
   if (detail >= Detail::kSeries && !none)
-    reply["series"] = series_of(robot.model, torques(robot.model, at(m, s.T), samples), false);
+    reply["series"] = series_of(robot.model, torques(robot.model, at(m, s.T), samples), false, false);
   if (detail == Detail::kAll) {
     reply["torque_squared_integral"] = p.torque();
     reply["work_J"] = p.work();
     reply["shared_work_J"] = p.shared_work();
-    if (!none) reply["motion"] = motion_of(robot, m, s.T);
+    if (!none && !m.is_path()) reply["motion"] = motion_of(robot, m, s.T);
   }
   return reply;
 }
 
 Json answer_cycle_time(const Robot& robot, Reader& r, const Context& context) {
-  const Move m = read_move(robot, r, false);
+  const MoveRequest m = read_move(robot, r, context, {.duration = false});
   const Detail detail = read_detail(r);
   const double process = r.not_negative("T_process_s", 0);
-  std::optional<ClearOf> clear = ClearOf::read(robot, r, context);
+  std::optional<ClearOf> clear = ClearOf::read(robot, r, context, m.carried);
   if (!r.finish(context)) return {};
   const Plan p = plan(robot.model, m);
   Json verdict{{"feasible", feasible(p)}, {"reason", p.solution.reason}};
@@ -107,21 +108,23 @@ Json answer_cycle_time(const Robot& robot, Reader& r, const Context& context) {
              {"limiting", limiting_of(robot.model, p.solution.peaks)}};
   if (verdict.contains("clear_of")) reply["clear_of"] = verdict["clear_of"];
   add_notes(reply, verdict.value("notes", std::vector<std::string>{}));
+  add_notes(reply, m.notes);
   add_notes(reply, p.notes);
   if (detail >= Detail::kMargins) reply["joints"] = peaks_of(robot.model, p.solution.peaks);
   if (detail >= Detail::kSeries && possible)
-    reply["series"] = series_of(robot.model, torques(robot.model, at(m, T), 101), false);
+    reply["series"] = series_of(robot.model, torques(robot.model, at(m, T), 101), false, false);
   if (detail == Detail::kAll && possible) reply["motion"] = motion_of(robot, m, T);
   return reply;
 }
 
 Json answer_torques(const Robot& robot, Reader& r, const Context& context) {
-  const Move m = read_move(robot, r, true);
+  const MoveRequest m = read_move(robot, r, context, kAnyMotion);
   const Detail detail = read_detail(r);
   const std::size_t samples = read_samples(r);
   if (!r.finish(context)) return {};
   const Plan p = plan_of(robot, m);
   Json reply{{"T_s", p.solution.T}, {"feasible", feasible(p)}, {"reason", p.solution.reason}};
+  add_notes(reply, m.notes);
   add_notes(reply, p.notes);
   const JointUnits units(robot.model);
   const std::size_t n = robot.model.joints.size();
@@ -144,6 +147,7 @@ Json answer_torques(const Robot& robot, Reader& r, const Context& context) {
                {"coriolis_" + unit, largest(t.coriolis)},
                {"gravity_" + unit, largest(t.gravity)},
                {"drive_" + unit, largest(t.drive)}};
+      if (m.loads.wrench) own["external_" + unit] = largest(t.external);
       if (std::isfinite(peak.limit)) {
         own["limit_" + unit] = peak.limit;
         own["share"] = peak.share;
@@ -154,7 +158,7 @@ Json answer_torques(const Robot& robot, Reader& r, const Context& context) {
   }
   if (detail < Detail::kSeries) return reply;
   const Torques t = torques(robot.model, at(m, p.solution.T), samples);
-  reply["series"] = series_of(robot.model, t, true);
+  reply["series"] = series_of(robot.model, t, true, m.loads.wrench.has_value());
   if (detail == Detail::kAll) {
     reply["torque_squared_integral"] = p.torque();
     reply["series"]["power_W"] = t.power;
@@ -163,7 +167,7 @@ Json answer_torques(const Robot& robot, Reader& r, const Context& context) {
 }
 
 Json answer_peak_power(const Robot& robot, Reader& r, const Context& context) {
-  const Move m = read_move(robot, r, true);
+  const MoveRequest m = read_move(robot, r, context, kAnyMotion);
   const Detail detail = read_detail(r);
   const std::size_t samples = read_samples(r);
   const double bound = r.positive("power_max_W", 0, "bound for a verdict");
@@ -180,6 +184,7 @@ Json answer_peak_power(const Robot& robot, Reader& r, const Context& context) {
                                                 text::to_text(peak.drawn.t, 4) + " s, bound " + text::to_text(bound, 6) + " W"},
       {"drawn", extreme(peak.drawn)},
       {"returned", extreme(peak.returned)}};
+  add_notes(reply, m.notes);
   add_notes(reply, p.notes);
   if (detail >= Detail::kMargins) {
     Json joints = Json::array();
@@ -197,17 +202,20 @@ Json answer_peak_power(const Robot& robot, Reader& r, const Context& context) {
 }
 
 Json answer_jerk(const Robot& robot, Reader& r, const Context& context) {
-  const Move m = read_move(robot, r, true);
+  const MoveRequest m = read_move(robot, r, context, kAnyMotion);
   const Detail detail = read_detail(r);
   if (!r.finish(context)) return {};
   const Plan p = plan_of(robot, m);
-  Move quintic = at(m, p.solution.T);
-  quintic.degree = 5;
-  quintic.c.clear();
+  const optimisation::Ends ends = m.ends();
+  Move quintic;
+  quintic.from_q = ends.q_from, quintic.dq_from = ends.dq_from, quintic.ddq_from = ends.ddq_from;
+  quintic.to_q = ends.q_to, quintic.dq_to = ends.dq_to, quintic.ddq_to = ends.ddq_to;
+  quintic.T = p.solution.T;
+  quintic.bounds = m.bounds;
   const Plan reference = plan(robot.model, quintic);
   // Of a quintic that stands still the integrals are rounding.
-  const bool stands = m.from_q == m.to_q;
-  const bool still = stands && std::ranges::all_of(m.c, [](double c) { return c == 0; });
+  const bool stands = ends.q_from == ends.q_to && ends.at_rest();
+  const bool still = stands && !m.is_path() && std::ranges::all_of(m.c, [](double c) { return c == 0; });
   const double jerk = still ? 0 : p.jerk(), acceleration = still ? 0 : p.acceleration();
   const JointUnits units(robot.model);
   Json reply{
@@ -215,6 +223,7 @@ Json answer_jerk(const Robot& robot, Reader& r, const Context& context) {
       {units.all_revolute() ? "jerk_squared_integral_rad2_per_s5" : "jerk_squared_integral", jerk},
       {units.all_revolute() ? "acceleration_squared_integral_rad2_per_s3" : "acceleration_squared_integral", acceleration},
       {"share_of_quintic", stands || !(reference.jerk() > 0) ? Json(nullptr) : Json(jerk / reference.jerk())}};
+  add_notes(reply, m.notes);
   add_notes(reply, p.notes);
   if (detail < Detail::kMargins) return reply;
   Json joints = Json::array();
@@ -236,7 +245,7 @@ Json answer_jerk(const Robot& robot, Reader& r, const Context& context) {
 }
 
 Json answer_throughput(const Robot& robot, Reader& r, const Context& context) {
-  const Move m = read_move(robot, r, true);
+  const MoveRequest m = read_move(robot, r, context, {});
   const Detail detail = read_detail(r);
   const auto list = [&](const char* name, bool required, const char* what = nullptr) {
     if (r.describes()) {
@@ -281,6 +290,7 @@ Json answer_throughput(const Robot& robot, Reader& r, const Context& context) {
              {"T_process_s", t.T_process},
              {"T_cycle_s", figure(t.T_cycle)},
              {"moves_per_hour", figure(t.per_hour)}};
+  add_notes(reply, m.notes);
   add_notes(reply, p.notes);
   if (detail >= Detail::kMargins) {
     const Throughput stiff = throughput(p.solution.T, 0, process);

@@ -43,15 +43,17 @@ ContactOptions read_contact_options(const Robot& robot, Reader& r) {
 }
 
 /// The move with its duration, and the plan's verdict as the first members of the reply. An error where no duration is possible.
-Move planned(const Robot& robot, Move m, Json& reply) {
+Move planned(const Robot& robot, const MoveRequest& request, Json& reply) {
+  Move m = request;
   const Plan p = plan(robot.model, m);
   const optimisation::Solution& s = p.solution;
   const bool feasible = s.status == optimisation::Status::kFeasible;
-  if (m.T == 0 && !feasible)
+  if (m.searched() && !feasible)
     throw RequestError("", "no duration of the move can be given (" + s.reason + "), expected T_s or other bounds");
   m.T = s.T;
   reply["feasible"] = feasible;
   reply["reason"] = s.reason;
+  add_notes(reply, request.notes);
   add_notes(reply, p.notes);
   return m;
 }
@@ -79,13 +81,16 @@ std::string too_fast(const PartRisk& p) {
 }  // namespace
 
 Json answer_energy(const Robot& robot, Reader& r, const Context& context) {
-  const Move m = read_move(robot, r, true);
+  const MoveRequest m = read_move(robot, r, context, kAnyMotion);
   const Detail detail = read_detail(r);
   const EnergyOptions options = read_energy_options(r);
   for (const char* name : {"bus", "price_per_kWh", "co2_kg_per_kWh"})
     r.only_if(robot.energy.has_value(), name, "an energy.ssv beside the URDF");
   r.only_if(options.best, "T_max_s", "best");
   if (!r.finish(context)) return {};
+  if (options.best && (m.is_path() || !m.ends().at_rest()))
+    throw RequestError("/best",
+                       "is true, but the motion is a path, or begins or ends in motion, expected one from rest to rest");
   if (options.best && !robot.energy)
     throw RequestError(
         "/best", "is true, but the robot has no energy.ssv beside its URDF, expected one: work alone has no best duration");
@@ -100,6 +105,7 @@ Json answer_energy(const Robot& robot, Reader& r, const Context& context) {
              {"reason", s.reason},
              {"boundary", c.with_drives ? "mains" : "joints"},
              {"energy_J", c.with_drives ? c.total() : sum(b.mechanical_positive)}};
+  add_notes(reply, m.notes);
   add_notes(reply, c.plan.notes);
   if (c.with_drives) {
     // 0 in energy.ssv means that the rate is unknown.
@@ -122,6 +128,7 @@ Json answer_energy(const Robot& robot, Reader& r, const Context& context) {
   reply["friction_J"] = c.energy.friction;
   reply["kinetic_J"] = c.energy.kinetic;
   reply["potential_J"] = c.energy.potential;
+  if (m.loads.wrench) reply["wrench_J"] = c.energy.external;
   if (c.with_drives) {
     reply["copper_J"] = sum(b.copper);
     reply["converter_J"] = sum(b.converter);
@@ -163,7 +170,7 @@ Json answer_energy(const Robot& robot, Reader& r, const Context& context) {
 }
 
 Json answer_effective_mass(const Robot& robot, Reader& r, const Context& context) {
-  const Move m = read_move(robot, r, true);
+  const MoveRequest m = read_move(robot, r, context, kAnyMotion);
   const Detail detail = read_detail(r);
   const ContactOptions o = read_contact_options(robot, r);
   if (!r.finish(context)) return {};
@@ -180,13 +187,15 @@ Json answer_effective_mass(const Robot& robot, Reader& r, const Context& context
 }
 
 Json answer_safety(const Robot& robot, Reader& r, const Context& context) {
-  const Move m = read_move(robot, r, true);
+  const MoveRequest m = read_move(robot, r, context, kAnyMotion);
   const Detail detail = read_detail(r);
   ContactOptions o = read_contact_options(robot, r);
   read_body_parts(robot, r, o, "body parts or regions");
   if (!r.finish(context)) return {};
   Json reply = Json::object();
   const PathSafety s = safety_along(robot.model, planned(robot, m, reply), o);
+  double load = o.load;
+  for (const robot::Payload& payload : m.loads.payloads) load += payload.part.inertia.mass;
   const PartRisk& worst = *std::ranges::max_element(s.parts, {}, [](const PartRisk& p) { return p.decisive.share; });
   const std::string unknown = unknown_motors(robot);
   reply.update(Json{{"safe", unknown.empty() ? Json(s.safe) : Json(nullptr)},
@@ -195,7 +204,7 @@ Json answer_safety(const Robot& robot, Reader& r, const Context& context) {
                     {"T_safe_s", finite(worst.decisive.T_safe)},
                     {"worst_part", worst.name},
                     {"mass", o.only_effective ? "effective" : "larger"},
-                    {"load_kg", o.load},
+                    {"load_kg", load},
                     {"effective", risk_json(worst.effective)},
                     {"iso_ts_15066", risk_json(worst.simple)}});
   if (detail >= Detail::kMargins) {

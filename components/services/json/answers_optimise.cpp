@@ -122,8 +122,8 @@ void work_for_energy(Problem& p) {
 Problem read_problem(const Robot& robot, const Move& m, Reader& r, std::string& weight, std::vector<std::string>& notes) {
   Problem p;
   p.robot = robot.model;
-  const std::vector<double> zero(robot.model.joints.size(), 0.0);
-  p.ends = {m.from_q, zero, zero, m.to_q, zero, zero};
+  p.ends = m.ends();
+  p.loads = m.loads;
   p.degree = r.gives("degree") ? m.degree : 9;
   p.drives = m.drives;
   p.bounds = optimisation::bounds_of(robot.model, m.bounds);
@@ -176,7 +176,9 @@ void read_contact(const Robot& robot, Reader& r, Problem& p) {
   frame.transient = o.transient;
   frame.area = o.area;
   frame.load = o.load;
-  if (safety && !o.only_effective) frame.least_mass = robot::simple_effective_mass(robot::moving_mass(robot.model), o.load);
+  double load = o.load;
+  for (const robot::Payload& payload : p.loads.payloads) load += payload.part.inertia.mass;
+  if (safety && !o.only_effective) frame.least_mass = robot::simple_effective_mass(robot::moving_mass(robot.model), load);
   p.contact = frame;
 }
 
@@ -334,9 +336,9 @@ Json front_of(const Robot& robot, const Move& m, const Problem& p, const std::ve
 }  // namespace
 
 Json answer_optimise(const Robot& robot, Reader& r, const Context& context) {
-  const Move m = read_move(robot, r, false);
+  const MoveRequest m = read_move(robot, r, context, {.duration = false, .in_motion = true});
   const Detail detail = read_detail(r);
-  std::vector<std::string> notes;
+  std::vector<std::string> notes = m.notes;
   std::string weight;
   Problem p = read_problem(robot, m, r, weight, notes);
   const std::string rule = r.word("rule", {"weighted", "lexicographic", "pareto"});
@@ -364,7 +366,7 @@ Json answer_optimise(const Robot& robot, Reader& r, const Context& context) {
     throw RequestError("/cost", "is cycle_time or stiffness, but no compliance is searched, expected compliance with axes");
   read_contact(robot, r, p);
   refuse_unused(robot, r, rule, verify);
-  std::optional<ClearOf> clear = ClearOf::read(robot, r, context);
+  std::optional<ClearOf> clear = ClearOf::read(robot, r, context, m.carried);
   if (r.describes()) return {};
   if (clear && lexicographic) throw RequestError("/rule", "is lexicographic beside clear_of, expected weighted or pareto");
   const JointUnits units(robot.model);

@@ -3,6 +3,7 @@
 
 #include "components/services/json/answers.h"
 #include "components/services/json/end_pose_json.h"
+#include "components/services/json/loads_json.h"
 #include "components/services/reaction_service.h"
 #include "models/foundation/support/text.h"
 #include "models/optimisation/reactionless/reactionless.h"
@@ -14,35 +15,18 @@ namespace cotwin::services {
 
 namespace {
 
-constexpr double kTooLarge = 1e15;  // products of larger numbers are not finite
 constexpr std::size_t kMostSamples = 100000;
 
-template <std::size_t N>
-Eigen::Matrix<double, N, 1> vector_of(Reader& r, const char* name, bool optional, const char* what) {
-  const std::vector<double> x = r.vector(name, N, optional, what);
-  Eigen::Matrix<double, N, 1> v = Eigen::Matrix<double, N, 1>::Zero();
-  if (!x.empty()) v = Eigen::Map<const Eigen::Matrix<double, N, 1>>(x.data());
-  if (!(v.cwiseAbs().maxCoeff() < kTooLarge))
-    throw RequestError(r.pointer(name), "has numbers of 1e15 and more, expected smaller ones");
-  return v;
-}
-
-Inertia read_inertia(Reader& r) {
-  Inertia base;
-  base.mass = r.positive("mass_kg", {}, "of the base link with what is rigidly attached to it");
-  if (!(base.mass < kTooLarge))
-    throw RequestError(r.pointer("mass_kg"), "is " + text::to_text(base.mass) + ", expected less than 1e15");
-  base.p_LC = vector_of<3>(r, "com_m", true, "centre of mass in the frame of the base; without it its origin");
-  const auto I =
-      vector_of<6>(r, "inertia_kg_m2", false, "xx, xy, xz, yy, yz, zz about the centre of mass in the axes of the base");
-  base.I_CC << I[0], I[1], I[2], I[1], I[3], I[4], I[2], I[4], I[5];
+Inertia read_base(Reader& r) {
+  Inertia base = read_inertia(r, false, "of the base link with what is rigidly attached to it",
+                              "centre of mass in the frame of the base; without it its origin");
   r.finish();
   return base;
 }
 
 void read_momentum(Reader& r, ReactionOptions& o) {
-  o.momentum = vector_of<3>(r, "linear_Ns", true, "of the whole robot, in the axes of the base at the start");
-  o.spin = vector_of<3>(r, "angular_Nms", true, "of the whole robot about its centre of mass, in these axes");
+  o.momentum = read_vector<3>(r, "linear_Ns", true, "of the whole robot, in the axes of the base at the start");
+  o.spin = read_vector<3>(r, "angular_Nms", true, "of the whole robot about its centre of mass, in these axes");
   r.finish();
 }
 
@@ -50,11 +34,11 @@ void read_momentum(Reader& r, ReactionOptions& o) {
 robot::RobotModel floating(const Robot& robot, Reader& r) {
   robot::RobotModel model = robot.model;
   const Json* const given = r.any("base");
-  if (r.describes()) r.declare("base", Reader::schema_of(read_inertia), false, "in place of the robot's");
+  if (r.describes()) r.declare("base", Reader::schema_of(read_base), false, "in place of the robot's");
   if (r.describes()) return model;
   if (given) {
     Reader base(*given, r.pointer("base"));
-    const Inertia own = read_inertia(base);
+    const Inertia own = read_base(base);
     if (const std::string why = own.unphysical(); !why.empty()) throw RequestError(r.pointer("base"), why);
     model.base.inertia =
         model.locked.empty()
@@ -144,44 +128,25 @@ robot::PoseTarget pose_at(const robot::RobotModel& model, const robot::Frame& fr
 }  // namespace
 
 Json answer_reaction(const Robot& robot, Reader& r, const Context& context) {
-  const Json* const given = r.any("series");
-  const bool described = r.describes();
-  trajectory::Path path;
-  Move m;
-  if (described) {
-    r.declare("series", Reader::schema_of([&](Reader& s) { (void)read_series(robot, s); }), false,
-              "a motion of any kind in place of the move");
-    r.or_instead("series");
-  }
-  if (given) {
-    Reader series(*given, r.pointer("series"));
-    path = trajectory::interpolate(read_series(robot, series));
-  } else {
-    m = read_move(robot, r, true);
-  }
+  MoveRequest m = read_move(robot, r, context, {.in_motion = true, .paths = true, .wrench = false, .intervals = false});
   const Detail detail = read_detail(r);
-  const robot::RobotModel model = floating(robot, r);
+  const robot::RobotModel model = robot::loaded(floating(robot, r), m.loads, 0);
   const ReactionOptions o = read_options(r, m.drives);
   if (!r.finish(context)) return {};
   Json reply;
-  if (!given) {
-    const bool shortest = m.T == 0;
-    m.T = plan_of(robot, m).solution.T;
-    if (shortest) add_notes(reply, {"T_s is the shortest duration of the robot on a fixed base, with its weight"});
-    path = plan(robot.model, m).solution.path;
-  }
+  if (m.searched()) add_notes(reply, {"T_s is the shortest duration of the robot on a fixed base, with its weight"});
+  add_notes(reply, m.notes);
+  const trajectory::Path path = plan_of(robot, m).solution.path;
   const Reaction found = reaction(model, path, o);
   reply["T_s"] = path.end() - path.begin();
-  if (!given) {
-    const optimisation::Bounds bounds = optimisation::bounds_of(robot.model, m.bounds);
-    add_verdict(robot, optimisation::judge(robot.model, bounds, path, found.torques), detail, reply);
-  }
+  const optimisation::Bounds bounds = optimisation::bounds_of(robot.model, m.bounds);
+  add_verdict(robot, optimisation::judge(robot.model, bounds, path, found.torques), detail, reply);
   add_reaction(found, o, detail, reply);
   return reply;
 }
 
 Json answer_reactionless(const Robot& robot, Reader& r, const Context& context) {
-  const Move m = read_goal(robot, r, false);
+  const MoveRequest m = read_goal(robot, r, context, {.wrench = false, .intervals = false}, false);
   double T = read_duration(r);
   const std::optional<PoseGoal> pose = read_pose_goal(r, robot.model);
   r.declare_one_of({"to_q_rad", "to_q_deg", "to_q", "to_pose"});
@@ -190,7 +155,7 @@ Json answer_reactionless(const Robot& robot, Reader& r, const Context& context) 
     throw RequestError(r.pointer(units.name("to_q", 0).c_str()),
                        "is missing, expected a posture, or p_m and quaternion_wxyz in to_pose");
   const Detail detail = read_detail(r);
-  const robot::RobotModel model = floating(robot, r);
+  const robot::RobotModel model = robot::loaded(floating(robot, r), m.loads, 0);
   const ReactionOptions o = read_options(r, m.drives);
   optimisation::ReactionlessOptions search;
   search.particles = r.integer("particles", 8, 10000, search.particles, "of the swarm");

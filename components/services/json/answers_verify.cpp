@@ -57,14 +57,15 @@ Json verification_json(const Robot& robot, const Move& m, double T, const Verifi
 }
 
 Json answer_verify(const Robot& robot, Reader& r, const Context& context) {
-  const Move m = read_move(robot, r, true);
+  const MoveRequest m = read_move(robot, r, context, {.in_motion = true});
   const Detail detail = read_detail(r);
   const VerificationOptions options = read_verification(robot, r);
-  std::optional<ClearOf> clear = ClearOf::read(robot, r, context);
+  std::optional<ClearOf> clear = ClearOf::read(robot, r, context, m.carried);
   if (!r.finish(context)) return {};
   const Plan p = plan_of(robot, m);
   Json reply = verification_json(robot, m, p.solution.T, options, context, detail);
   if (clear) (void)clear->judge(p.solution.path, reply);
+  add_notes(reply, m.notes);
   add_notes(reply, p.notes);
   return reply;
 }

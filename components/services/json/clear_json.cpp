@@ -1,11 +1,11 @@
 #include "components/services/json/clear_json.h"
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <set>
 #include <utility>
 
+#include "components/services/json/loads_json.h"
 #include "models/foundation/support/text.h"
 #include "models/scene/urdf/urdf_shapes.h"
 
@@ -14,20 +14,6 @@ namespace cotwin::services {
 namespace {
 
 constexpr std::size_t kMostRobots = 20, kMostTools = 20;
-
-/// The members "p_m" and "quaternion_wxyz".
-Pose read_pose(Reader& r, const char* what) {
-  Pose X;
-  const std::vector<double> p = r.vector("p_m", 3, true, what);
-  const std::vector<double> Q = r.vector("quaternion_wxyz", 4, true, "without it not turned");
-  if (!p.empty()) X.p = {p[0], p[1], p[2]};
-  if (Q.empty()) return X;
-  const Eigen::Quaterniond turned(Q[0], Q[1], Q[2], Q[3]);
-  if (!(std::abs(turned.norm() - 1) < 1e-3))
-    throw RequestError(r.pointer("quaternion_wxyz"), "has the length " + text::to_text(turned.norm()) + ", expected 1");
-  X.R = turned.normalized().toRotationMatrix();
-  return X;
-}
 
 Pose read_base(Reader& r, const char* what) {
   const auto read = [](Reader& own) { return read_pose(own, "in the scene; without it 0"); };
@@ -46,7 +32,8 @@ clearance::Tool read_tool(const Robot& robot, Reader& r, const std::string& name
   tool.name = r.text("name", name, "in names of links, beside those of the robot");
   const std::string frame = r.text("frame", {}, "of the robot that carries it, such as a link");
   const Pose X_FA = read_pose(r, "in that frame, of the root link or the middle of the box; without it 0");
-  r.declare("urdf", schemas::kText, false, "path to a tool with collision shapes, on the command line only");
+  r.declare("urdf", schemas::kText, false,
+            "tools/NAME.urdf beside the folder with robots, with collision shapes; on the command line also a path");
   const std::vector<double> box = r.vector("box_m", 3, true, "edges, in place of a URDF");
   if (r.describes()) return tool;
   if (r.has("urdf") == !box.empty())
@@ -63,17 +50,14 @@ clearance::Tool read_tool(const Robot& robot, Reader& r, const std::string& name
   if (box.empty()) {
     const std::string urdf = r.text("urdf");
     try {
-      tool.shapes = context.robots->tool(urdf, X_BA, notes);
+      tool.shapes = context.robots->tool_shapes(urdf, X_BA, notes);
+      if (tool.shapes.empty()) throw Error(urdf, "has no <collision> shapes, so it would meet nothing");
     } catch (const Error& error) {
       throw RequestError(r.pointer("urdf"), error.what());
     }
     return tool;
   }
-  if (*std::ranges::min_element(box) <= 0) throw RequestError(r.pointer("box_m"), "has an edge of 0 or less, expected lengths");
-  tool.shapes.resize(1);
-  tool.shapes.front().type = scene::ShapeType::kBox;
-  tool.shapes.front().size = {box[0], box[1], box[2]};
-  tool.shapes.front().X_BS = X_BA;
+  tool.shapes = box_of(r, box, X_BA);
   return tool;
 }
 
@@ -116,7 +100,7 @@ std::pair<std::string, clearance::Motion> read_other(const Robot& robot, Reader&
             "its motion; t_s counts from the beginning of the move");
   if (const Json* const given = r.any("series")) {
     Reader series(*given, r.pointer("series"));
-    motion.path = trajectory::interpolate(read_series(robot, series));
+    motion.path = read_series(robot, series);
   }
   motion.q =
       JointUnits(robot.model).read(r, "q", 0, r.describes() || motion.path.joints() > 0, "posture, in place of a motion");
@@ -131,7 +115,8 @@ std::pair<std::string, clearance::Motion> read_other(const Robot& robot, Reader&
 
 }  // namespace
 
-std::optional<ClearOf> ClearOf::read(const Robot& robot, Reader& r, const Context& context) {
+std::optional<ClearOf> ClearOf::read(const Robot& robot, Reader& r, const Context& context,
+                                     const std::vector<clearance::Tool>& carried) {
   std::vector<clearance::Stand> stands;
   clearance::Options options;
   std::vector<std::pair<std::string, clearance::Motion>> others;
@@ -163,6 +148,13 @@ std::optional<ClearOf> ClearOf::read(const Robot& robot, Reader& r, const Contex
     }
     stands.push_back(stand_of(robot, "", X_WB, clear.notes_));
     stands.back().tools = std::move(tools);
+    for (const clearance::Tool& payload : carried) {
+      if (std::ranges::find(stands.back().tools, payload.name, &clearance::Tool::name) != stands.back().tools.end())
+        throw RequestError(own.pointer("tools"), "has '" + payload.name + "', which is a payload, too, expected one of them");
+      stands.back().tools.push_back(payload);
+      clear.timed_ = clear.timed_ || payload.from > 0 || payload.until < 1;
+    }
+    const std::size_t first = stands.back().tools.size() - carried.size();
     clear.motions_.resize(1);
     if (robots && (!robots->is_array() || robots->size() > kMostRobots))
       throw RequestError(own.pointer("robots"), "is no array of at most " + std::to_string(kMostRobots) + " robots");
@@ -188,8 +180,17 @@ std::optional<ClearOf> ClearOf::read(const Robot& robot, Reader& r, const Contex
       clear.motions_.push_back(std::move(motion));
     }
     own.finish();
+    clear.make_ = [bodies = std::move(bodies), stands = std::move(stands), options, first](double begin, double T) {
+      std::vector<clearance::Stand> timed = stands;
+      for (std::size_t k = first; k < timed.front().tools.size(); ++k) {
+        clearance::Tool& payload = timed.front().tools[k];
+        payload.from = payload.from > 0 ? begin + payload.from * T : -scene::kInfinity;
+        payload.until = payload.until < 1 ? begin + payload.until * T : scene::kInfinity;
+      }
+      return std::make_unique<clearance::Checker>(bodies, std::move(timed), options);
+    };
     try {
-      clear.checker_ = std::make_unique<clearance::Checker>(bodies, std::move(stands), options);
+      clear.checker_ = clear.make_(clear.begin_, clear.T_);
     } catch (const Error& error) {
       throw RequestError(r.pointer("clear_of"), error.what());
     }
@@ -206,6 +207,11 @@ std::optional<ClearOf> ClearOf::read(const Robot& robot, Reader& r, const Contex
 
 clearance::Verdict ClearOf::check(const trajectory::Path& path) {
   motions_.front().path = path;
+  if (const double T = path.end() - path.begin(); timed_ && (path.begin() != begin_ || T != T_)) {
+    begin_ = path.begin();
+    T_ = T;
+    checker_ = make_(begin_, T_);
+  }
   return checker_->check(motions_);
 }
 

@@ -1,4 +1,5 @@
 #pragma once
+#include <functional>
 #include <memory>
 #include <optional>
 
@@ -11,8 +12,9 @@ namespace cotwin::services {
 /// What a motion of the robot is to keep clear of: a scene, other robots, itself.
 class ClearOf {
  public:
-  /// Nothing if it is not given. Throws RequestError.
-  static std::optional<ClearOf> read(const Robot& robot, Reader& r, const Context& context);
+  /// Nothing if it is not given. `carried`: what the move carries meanwhile. Throws RequestError.
+  static std::optional<ClearOf> read(const Robot& robot, Reader& r, const Context& context,
+                                     const std::vector<clearance::Tool>& carried);
   clearance::Verdict check(const trajectory::Path& path);
   /// The member of the reply; also adds the notes.
   Json json(const clearance::Verdict& verdict, Json& reply) const;
@@ -23,7 +25,10 @@ class ClearOf {
 
  private:
   double clearance_ = 0;
+  std::function<std::unique_ptr<clearance::Checker>(double begin, double T)> make_;
   std::unique_ptr<clearance::Checker> checker_;
+  double begin_ = 0, T_ = 1;  // of the motion that the checker is for, where payloads come or go
+  bool timed_ = false;
   std::vector<clearance::Motion> motions_;  // that of the robot first
   std::vector<std::string> notes_;
 };

@@ -49,17 +49,16 @@ bool has_cost(Reader& r, const char* name) {
 /// Adds "assumptions" and a sentence to the notes, if there are any.
 void add_assumptions(const std::string& service, const Robot& robot, Reader& r, Json& reply) {
   const auto is = [&](const char* name, const Json& value) { return r.gives(name) && *r.any(name) == value; };
-  const bool optimise = service == "optimise", series = service == "reaction" && r.gives("series");
+  const bool optimise = service == "optimise", path = r.gives("series") || r.gives("waypoints");
   Needs n;
-  n.searched = !series && !r.gives("T_s") && (!optimise || r.gives("T_max_s"));
+  n.searched = !path && !r.gives("T_s") && (!optimise || r.gives("T_max_s"));
   if (service == "jerk" && !n.searched) return;  // of the shape alone
   const bool safety = service == "safety" || (optimise && has_cost(r, "safety"));
   n.contact = safety || service == "effective_mass" || (optimise && has_cost(r, "effective_mass"));
   if (is("drives", "none")) n.without_drives = "request: drives = none";
-  if (series) n.without_drives = "request: of a series without drives";
   const JointUnits units(robot.model);
-  n.limits_of_speed = !series && !r.gives(units.name("dq_max", 1).c_str());
-  n.limits_of_torque = !series && !r.gives(units.name("tau_max", 4).c_str());
+  n.limits_of_speed = !r.gives(units.name("dq_max", 1).c_str());
+  n.limits_of_torque = !r.gives(units.name("tau_max", 4).c_str());
   if (safety && r.gives("load_kg")) n.load = r.number("load_kg");
   n.elastic = n.without_drives.empty() && (service == "verify" || is("verify", true));
   n.energy = service == "energy" || (optimise && has_cost(r, "energy")) || (service == "verify" && robot.energy);

@@ -2,6 +2,7 @@
 #include "components/services/json/request.h"
 #include "components/services/robots.h"
 #include "components/services/services.h"
+#include "models/clearance/clearance.h"
 #include "models/trajectory/series/series.h"
 
 /// Moves in requests and joints in replies, for the sources of this folder.
@@ -33,14 +34,32 @@ class JointUnits {
   bool all_revolute_ = true;
 };
 
-/// The members of a motion of any kind from rest to rest: ends, bounds and drives. Without `posture` the end may be left out, and is empty.
-Move read_goal(const Robot& robot, Reader& r, bool posture);
+/// What a service takes beside a move from rest to rest in a duration that is given or searched.
+struct Takes {
+  bool duration = true;    // T_s
+  bool in_motion = false;  // velocities and accelerations at the ends
+  bool paths = false;      // waypoints or a series in place of the move
+  bool wrench = true;      // beside payloads
+  bool intervals = true;   // of payloads and wrench
+};
+
+inline constexpr Takes kAnyMotion{.in_motion = true, .paths = true};
+
+/// A move with what only its request knows.
+struct MoveRequest : Move {
+  std::vector<clearance::Tool> carried;  // shapes of payloads; `from` and `until` are shares of the motion
+  std::vector<std::string> notes;
+};
+
+/// The members of a motion of any kind from rest to rest: ends, bounds, drives and loads. Without `posture` the end may be left out, and is empty.
+MoveRequest read_goal(const Robot& robot, Reader& r, const Context& context, const Takes& takes, bool posture);
 double read_duration(Reader& r);
-/// The members of a move. With `timed` T_s; else there is none. A reader that describes takes a robot without joints.
-Move read_move(const Robot& robot, Reader& r, bool timed);
+/// The members of a move, or of a path in place of it. A reader that describes takes a robot without joints.
+MoveRequest read_move(const Robot& robot, Reader& r, const Context& context, const Takes& takes);
 Detail read_detail(Reader& r);
-/// A motion of any kind, {"t_s": […], "q_rad": [[…], …]}, one row per time.
-trajectory::Series read_series(const Robot& robot, Reader& r);
+/// A motion of any kind, {"t_s": […], "q_rad": [[…], …], "cutoff_Hz"}, one row per time, without gaps. `notes`: a sentence where its accelerations
+/// rest on noise.
+trajectory::Path read_series(const Robot& robot, Reader& r, std::vector<std::string>* notes = nullptr);
 /// Adds texts to the member "notes" of a reply, which only exists where there are notes.
 void add_notes(Json& reply, const std::vector<std::string>& notes);
 /// The member "bus": "shared", "none" or "grid".

@@ -71,8 +71,8 @@ void Reader::declare_one_of(std::initializer_list<const char*> names) {
   if (describes()) schema_->one_of(names);
 }
 
-void Reader::or_instead(const char* name) {
-  if (describes()) schema_->instead = name;
+void Reader::or_instead(std::initializer_list<const char*> names) {
+  if (describes()) schema_->instead = names;
 }
 
 double Reader::number(const char* name, std::optional<double> other, const char* what) {

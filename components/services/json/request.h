@@ -41,8 +41,8 @@ class Reader {
   void declare(const std::string& name, Json type, bool required = false, const char* what = nullptr);
   /// The same for at least one of these members. Does not check requests.
   void declare_one_of(std::initializer_list<const char*> names);
-  /// A further member of each of these lists that follows.
-  void or_instead(const char* name);
+  /// Further members of each of these lists that follow.
+  void or_instead(std::initializer_list<const char*> names);
 
   /// Whether the member is given; it then counts as read.
   bool has(const char* name) { return describes() || find(name, true) != nullptr; }

@@ -65,15 +65,17 @@ Object reaction() {
 }
 
 Json motion() {
-  return Object()
-      .must("unit", kText)
-      .must("T_s", kNumber)
-      .may("q_start_rad", kNumbers)
-      .may("q_end_rad", kNumbers)
-      .may("c_r_rad", kNumbers)
-      .may("q_start", kNumbers)
-      .may("q_end", kNumbers)
-      .may("c_r", kNumbers);
+  Object o;
+  o.must("unit", kText).must("T_s", kNumber);
+  for (const auto& [plain, si] : {std::pair{"q_start", "rad"},
+                                  {"q_end", "rad"},
+                                  {"c_r", "rad"},
+                                  {"dq_start", "rad_per_s"},
+                                  {"dq_end", "rad_per_s"},
+                                  {"ddq_start", "rad_per_s2"},
+                                  {"ddq_end", "rad_per_s2"}})
+    o.may((std::string(plain) + "_" + si).c_str(), kNumbers).may(plain, kNumbers);
+  return o;
 }
 Json extreme() { return Object().must("power_W", kNumber).must("t_s", kNumber); }
 

@@ -3,6 +3,7 @@
 #include <nlohmann/json.hpp>
 #include <string>
 #include <utility>
+#include <vector>
 
 /// What the schemas of several services are made of.
 namespace cotwin::services::schemas {
@@ -11,7 +12,7 @@ using Json = nlohmann::ordered_json;
 
 /// The names of values of a joint, as a pattern.
 inline constexpr const char* kValueNames =
-    "^(q|dq|ddq|dddq|tau|inertial|coriolis|gravity|drive|limit|quintic_dddq|rigid_tau|tracking_error|"
+    "^(q|dq|ddq|dddq|tau|inertial|coriolis|gravity|drive|external|limit|quintic_dddq|rigid_tau|tracking_error|"
     "end_error)_(rad|rad_per_s|rad_per_s2|rad_per_s3|Nm|m|m_per_s|m_per_s2|m_per_s3|N)$";
 inline constexpr const char* kCosts[] = {"time_s",
                                          "torque_squared_integral",
@@ -35,7 +36,7 @@ inline const Json kNumbersOrNull{{"type", "array"}, {"items", kNumberOrNull}};
 /// A strict object: `required` names come first in `members`, further ones are optional.
 struct Object {
   Json members = Json::object(), required = Json::array(), patterns = Json::object(), choices = Json::array();
-  const char* instead = nullptr;  // a further member of each one_of()
+  std::vector<const char*> instead;  // further members of each one_of()
   Object& must(const char* name, Json type) {
     members[name] = std::move(type);
     required.push_back(name);
@@ -49,7 +50,7 @@ struct Object {
   Object& one_of(std::initializer_list<const char*> names) {
     Json any = Json::array();
     for (const char* name : names) any.push_back({{"required", {name}}});
-    if (instead) any.push_back({{"required", {instead}}});
+    for (const char* name : instead) any.push_back({{"required", {name}}});
     choices.push_back({{"anyOf", any}});
     return *this;
   }

@@ -56,10 +56,11 @@ const std::pair<const char*, Json (*)()> kReplies[] = {
                          .must("at_shortest", kBoolean)
                          .must("at_longest", kBoolean)
                          .must("brakes_close", kBoolean));
-       for (const char* name : {"work_positive_J", "work_negative_J", "friction_J",   "kinetic_J",      "potential_J",
-                                "copper_J",        "converter_J",     "iron_J",       "idle_J",         "regenerable_J",
-                                "supplied_J",      "returned_J",      "chopped_J",    "stored_J",       "supply_losses_J",
-                                "controller_J",    "drawn_J",         "peak_power_W", "peak_power_t_s", "residual_J"})
+       for (const char* name :
+            {"work_positive_J", "work_negative_J", "friction_J",      "kinetic_J",     "potential_J", "copper_J",
+             "converter_J",     "iron_J",          "idle_J",          "regenerable_J", "supplied_J",  "returned_J",
+             "chopped_J",       "stored_J",        "supply_losses_J", "controller_J",  "wrench_J",    "drawn_J",
+             "peak_power_W",    "peak_power_t_s",  "residual_J"})
          o.may(name, kNumber);
        o.may("waiting", Object().must("T_s", kNumber).must("energy_J", kNumber).must("brakes_close", kBoolean));
        o.may("joints", array_of(joint()

@@ -66,6 +66,17 @@ services::Context context_of(numerics::Threads* threads) {
 
 std::string names_of_services() { return text::joined(services::service_names()); }
 
+/// Whether the request needs this member, and has neither it nor another one in its place.
+bool lacks(const Json& request, const Json& schema, const std::string& member) {
+  return std::ranges::any_of(schema.value("allOf", Json::array()), [&](const Json& list) {
+    const auto any = [&](auto is) {
+      return std::ranges::any_of(list["anyOf"], [&](const Json& one) { return is(one["required"][0].get<std::string>()); });
+    };
+    return any([&](const std::string& name) { return name == member; }) &&
+           !any([&](const std::string& name) { return request.contains(name); });
+  });
+}
+
 /// The request of the command line: what --with has and what the options add.
 Json request_of(const AskArguments& a, services::Robots& robots) {
   if (a.service.empty()) throw Error("cotwin ask", "names no service, expected one of " + names_of_services() + ", or --file");
@@ -88,14 +99,17 @@ Json request_of(const AskArguments& a, services::Robots& robots) {
         throw Error(option, "is given beside the member " + member + " of --with, expected one of them");
   };
   if (a.robot_given) refuse_twice("--robot", {"robot"});
+  const Json schema = Json::parse(services::schema(a.service))["request"];
+  const auto takes = [&](const char* member) { return schema["properties"].contains(member); };
+  const bool by_path = request.contains("series") || request.contains("waypoints") || a.series;
   const std::tuple<const char*, const char*, const std::vector<double>&> postures[] = {{"--from", "from_q", a.from},
                                                                                        {"--to", "to_q", a.to}};
   if (a.angle_unit == "deg" && a.from.empty() && a.to.empty() && !a.series)
     throw Error("--angle-unit deg",
                 "is given without --from, --to and --series, expected one of them; members of --with have names with _deg");
   if (a.series) {
-    if (a.service != "reaction")
-      throw Error("--series", "is given for the service " + a.service + ", expected it with reaction");
+    if (!takes("series"))
+      throw Error("--series", "is given for the service " + a.service + ", expected it with one that takes a series");
     refuse_twice("--series", {"series"});
     trajectory::RecordingFormat format;
     format.q_columns = a.q_columns;
@@ -108,22 +122,23 @@ Json request_of(const AskArguments& a, services::Robots& robots) {
     const std::string name = plain;
     const std::vector<std::string> members{name + "_rad", name + "_deg", name};
     if (!q.empty()) {
-      if (request.contains("series")) throw Error(option, "is given beside a series, expected one of them");
+      if (by_path) throw Error(option, "is given beside a series or waypoints, expected one of them");
+      if (!takes((name + "_rad").c_str()))
+        throw Error(option, "is given for the service " + a.service + ", which takes no such posture");
       refuse_twice(option, members);
       std::string member = services::posture_member(robots, request, name);
       if (a.angle_unit == "deg" && member == plain)
         throw Error("--angle-unit deg", "is given for a robot with prismatic joints, expected postures in rad and m");
       if (a.angle_unit == "deg") member = name + "_deg";
       request[member] = q;
-    } else if (!request.contains("series") && !(name == "to_q" && a.service == "reactionless" && request.contains("to_pose")) &&
-               std::ranges::none_of(members, [&](const std::string& member) { return request.contains(member); })) {
+    } else if (lacks(request, schema, name + "_rad")) {
       throw Error(option,
                   "is missing, expected a posture, or " + services::posture_member(robots, request, name) + " in --with");
     }
   }
   if (a.T && (a.service == "cycle_time"))
     throw Error("--duration", "is given for cycle_time, which finds the duration, expected another service");
-  if (a.T && request.contains("series")) throw Error("--duration", "is given beside a series, which has its own times");
+  if (a.T && by_path) throw Error("--duration", "is given beside a series or waypoints, which have their own times");
   if (a.T) {
     const std::string member = a.service == "optimise" ? "T_min_s" : "T_s";
     refuse_twice("--duration", {member});
@@ -139,6 +154,8 @@ Json request_of(const AskArguments& a, services::Robots& robots) {
 /// The parameters of the motion of a reply.
 std::string motion_of(const AskArguments& a, services::Robots& robots, Json request, Json reply,
                       const services::Context& context) {
+  if (request.contains("series") || request.contains("waypoints"))
+    throw Error("--motion", "is given beside a series or waypoints, expected a move: unit:motion runs them as they are");
   // Only the whole reply of these services has the motion.
   if (!reply.contains("motion") && (a.service == "feasibility" || a.service == "cycle_time")) {
     request["detail"] = "all";

@@ -161,7 +161,7 @@ TEST_F(ClearOfScenes, KnowToolsOfTheRobotAndOfOthers) {
   EXPECT_THAT(refused({{"box_m", {1, 0, 1}}}), HasSubstr("/clear_of/tools/0/box_m: has an edge of 0 or less"));
   EXPECT_THAT(refused({{"name", "link_3"}}), HasSubstr("/clear_of/tools/0/name: 'link_3' is there twice"));
   EXPECT_THAT(refused({{"mass", 1}}), HasSubstr("/clear_of/tools/0"));
-  EXPECT_THAT(error_of([&] { ask(with(away, file)); }), HasSubstr("/clear_of/tools/0/urdf: tool: is a path to a URDF"));
+  EXPECT_THAT(error_of([&] { ask(with(away, file)); }), HasSubstr("/clear_of/tools/0/urdf: tool: is not a name of letters"));
   json neither = bar;
   neither.erase("box_m");
   EXPECT_THAT(error_of([&] { ask(with(away, neither)); }), HasSubstr("/clear_of/tools/0/urdf: and box_m are missing"));

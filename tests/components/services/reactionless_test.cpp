@@ -108,7 +108,7 @@ TEST(Reactionless, ReachesPosesThatRandomMotionsInTheNullSpaceReach) {
     EXPECT_LT(reply["to_go"]["distance_m"].get<double>(), 1e-6);
     EXPECT_LT(reply["to_go"]["angle_rad"].get<double>(), 1e-6);
     // What the service `reaction` finds for the written table: no turn, and a displacement that brings the end effector to the goal.
-    json table{{"service", "reaction"}, {"robot", "lwr4"}, {"base", kBase}};
+    json table{{"service", "reaction"}, {"robot", "lwr4"}, {"base", kBase}, {"drives", "none"}};
     table["series"] = {{"t_s", reply["motion"]["t_s"]}, {"q_rad", reply["motion"]["q_rad"]}};
     const json found = ask(robots, table);
     for (const json& rate : found["worst"]["rate"]["rate_rad_per_s"]) EXPECT_LT(std::abs(rate.get<double>()), 1e-9);
