@@ -164,7 +164,7 @@ const std::map<std::string, std::vector<std::string>> kRooms = {
       "identification/torque_data",
       "identification",
       "identification/excitation"}},
-    {"components/services", {"", "json"}},
+    {"components/services", {"", "json", "json/answers"}},
     {"components/io",
      {"fri", "rtde", "ethercat", "ethercat/master", "emulators/kuka", "emulators/ur", "emulators/ethercat", "link", "emulators",
       "links", ""}},
@@ -197,8 +197,9 @@ const std::map<std::string, std::vector<std::string>> kRooms = {
 
 /// Includes against the order, each for a reason.
 const std::set<std::pair<std::string, std::string>> kUpwards = {
-    {"fmu/import/load.cpp", "fmu/process/process.h"},                   // chooses where an FMU runs
-    {"master/program/main.cpp", "master/program/commands/commands.h"},  // the main function
+    {"components/services/json/json.cpp", "components/services/json/answers/answers.h"},  // calls the services by their names
+    {"fmu/import/load.cpp", "fmu/process/process.h"},                                     // chooses where an FMU runs
+    {"master/program/main.cpp", "master/program/commands/commands.h"},                    // the main function
 };
 
 /// The position in kRooms of the folder that contains the file, if `floor` has rooms.

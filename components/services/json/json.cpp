@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include "components/services/assumptions.h"
-#include "components/services/json/answers.h"
+#include "components/services/json/answers/answers.h"
 #include "components/services/json/move_json.h"
 #include "components/services/json/schema_parts.h"
 #include "models/foundation/support/text.h"

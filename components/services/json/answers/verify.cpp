@@ -1,7 +1,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "components/services/json/answers.h"
+#include "components/services/json/answers/answers.h"
 #include "components/services/json/clear_json.h"
 
 namespace cotwin::services {

@@ -8,7 +8,7 @@
 #include <optional>
 
 #include "components/services/energy_service.h"
-#include "components/services/json/answers.h"
+#include "components/services/json/answers/answers.h"
 #include "components/services/json/clear_json.h"
 #include "components/services/json/compliance_json.h"
 #include "components/services/json/contact_json.h"

@@ -4,7 +4,7 @@
 
 #include "components/services/assumptions.h"
 #include "components/services/energy_service.h"
-#include "components/services/json/answers.h"
+#include "components/services/json/answers/answers.h"
 #include "components/services/json/contact_json.h"
 #include "models/foundation/support/text.h"
 

@@ -1,7 +1,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "components/services/json/answers.h"
+#include "components/services/json/answers/answers.h"
 #include "components/services/json/end_pose_json.h"
 #include "components/services/json/loads_json.h"
 #include "components/services/reaction_service.h"

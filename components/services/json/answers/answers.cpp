@@ -1,4 +1,4 @@
-#include "components/services/json/answers.h"
+#include "components/services/json/answers/answers.h"
 
 #include <algorithm>
 #include <cmath>
