@@ -27,12 +27,87 @@ constexpr double kLongest = 1000;  // s, of a move
 /// Start values of a unit, by name. As texts: one number holds for all joints.
 using Values = std::vector<std::pair<std::string, std::string>>;
 
-std::span<const double> reals(std::span<const Member> members, const std::string& name) {
+std::span<double> reals(std::span<const Member> members, const std::string& name) {
   const Signal signal = find_signal(members, name, "verification");
   return signal.variable->reals().subspan(signal.first, signal.count);
 }
 
 double sum(std::span<const double> x) { return std::accumulate(x.begin(), x.end(), 0.0); }
+
+/// The loads of the move in the twin. What the robot carries changes the bodies of drive train and controller, as tools do
+/// (master/engine/tools.h), but what it carries from the beginning is there before the twin finds its equilibrium. The wrench pushes
+/// the links; the controller does not know it.
+class TwinLoads {
+ public:
+  TwinLoads(std::span<const Member> members, const robot::RobotModel& robot, const services::Move& move)
+      : move_(move), dynamics_(robot, move.loads), scratch_(dynamics_), begins_(dynamics_.begins()) {
+    if (move.loads.none()) return;
+    q_ = reals(members, "drive.q");
+    tau_e_ = reals(members, "drive.tau_e");
+    tool_changes_ = reals(members, "drive.tool_changes");
+    for (const double begin : begins_) added_.push_back(difference(robot, robot::loaded(robot, move.loads, begin)));
+    for (const char* unit : {"drive.", "compliance."}) {
+      Bodies bodies;
+      for (const char* name : {"mass", "first_moment", "inertia"}) {
+        bodies.values.push_back(reals(members, std::string(unit) + name));
+        bodies.empty.emplace_back(bodies.values.back().begin(), bodies.values.back().end());
+      }
+      bodies_.push_back(std::move(bodies));
+    }
+    carry(0);
+    push(0, move.from_q);
+  }
+  /// Before a tick that begins at `now`, s. Returns whether there are loads.
+  bool apply(double now) {
+    if (move_.loads.none()) return false;
+    const double s = std::min(now / move_.T, 1.0);
+    if (phase_ + 1 < begins_.size() && s >= begins_[phase_ + 1]) {
+      carry(phase_ + 1);
+      tool_changes_.front() += 1;
+    }
+    push(now <= move_.T ? s : 2, q_);
+    return true;
+  }
+
+ private:
+  using Parameters = std::vector<Eigen::Matrix<double, 10, 1>>;  // of each body
+  struct Bodies {
+    std::vector<std::span<double>> values;  // mass, first moment, inertia
+    std::vector<std::vector<double>> empty;
+  };
+  static Parameters difference(const robot::RobotModel& robot, const robot::RobotModel& carrying) {
+    Parameters all;
+    for (std::size_t b = 0; b < robot.bodies.size(); ++b)
+      all.emplace_back(carrying.bodies[b].inertia.parameters() - robot.bodies[b].inertia.parameters());
+    return all;
+  }
+  void carry(std::size_t phase) {
+    phase_ = phase;
+    constexpr std::size_t kFirst[] = {0, 1, 4}, kSizes[] = {1, 3, 6};  // in Inertia::parameters()
+    for (const Bodies& bodies : bodies_)
+      for (std::size_t part = 0; part < 3; ++part)
+        for (std::size_t i = 0; i < bodies.values[part].size(); ++i)
+          bodies.values[part][i] = bodies.empty[part][i] +
+                                   added_[phase][i / kSizes[part]][static_cast<Eigen::Index>(kFirst[part] + i % kSizes[part])];
+  }
+  /// `s`: share of the motion; more than 1: after it.
+  void push(double s, std::span<const double> q) {
+    if (!move_.loads.wrench) return;
+    std::ranges::fill(tau_e_, 0.0);
+    if (s > 1) return;
+    std::ranges::copy(dynamics_.wrench_torque(scratch_, s, Eigen::Map<const Eigen::VectorXd>(q.data(), scratch_.q.size())),
+                      tau_e_.begin());
+  }
+
+  const services::Move& move_;
+  robot::LoadedDynamics dynamics_;
+  robot::LoadedDynamics::Scratch scratch_;
+  std::vector<double> begins_;
+  std::size_t phase_ = 0;
+  std::vector<Parameters> added_;  // of each phase
+  std::vector<Bodies> bodies_;
+  std::span<double> q_, tau_e_, tool_changes_;
+};
 
 /// What is read from the running twin.
 struct Signals {
@@ -108,7 +183,10 @@ Scenario scenario_of(const services::Robot& robot, const RobotFolder& folder, co
   Scenario scenario;
   scenario.name = "verification";
   scenario.folder = folder.urdf().parent_path();
-  scenario.stop = Time::from_seconds(std::ceil((T + options.settle) / kTick) * kTick);
+  // A move that ends in motion ends with its last whole tick.
+  const double end =
+      std::max(move.ends().at_rest_at_end() ? std::ceil((T + options.settle) / kTick) : std::floor(T / kTick), 1.0);
+  scenario.stop = Time::from_seconds(end * kTick);
   scenario.tick = Duration::from_seconds(kTick);
   scenario.settings["robot"] = folder.urdf().string();
   const auto add = [&](const char* name, const std::string& source, const Values& values) {
@@ -129,6 +207,12 @@ Scenario scenario_of(const services::Robot& robot, const RobotFolder& folder, co
                        {"q_start", text::joined(move.from_q)},
                        {"q_end", text::joined(move.to_q)},
                        {"limits", "ignore"}};
+  const optimisation::Ends ends = move.ends();
+  for (const auto& [name, values] : {std::pair{"dq_start", &ends.dq_from},
+                                     {"ddq_start", &ends.ddq_from},
+                                     {"dq_end", &ends.dq_to},
+                                     {"ddq_end", &ends.ddq_to}})
+    polynomial.emplace_back(name, text::joined(*values));
   if (move.degree > 5) {
     const std::size_t coefficients = move.from_q.size() * static_cast<std::size_t>(move.degree - 5);
     polynomial.emplace_back("c_r", text::joined(move.c.empty() ? std::vector<double>(coefficients) : move.c));
@@ -136,7 +220,8 @@ Scenario scenario_of(const services::Robot& robot, const RobotFolder& folder, co
   add("motion", "unit:motion?kind=polynomial&degree=" + std::to_string(move.degree), polynomial);
 
   // The request may lift the robot's limits: no stops.
-  Values controller = limits(bounds), drive = {{"q0", text::joined(move.from_q)}, {"q_min", "-1e6"}, {"q_max", "1e6"}};
+  Values controller = limits(bounds),
+         drive = {{"q0", text::joined(move.from_q)}, {"dq0", text::joined(ends.dq_from)}, {"q_min", "-1e6"}, {"q_max", "1e6"}};
   std::string source = "unit:drive_train";
   if (options.rigid) {
     source += move.drives.tau_C.empty() ? "?transmission=rigid" : "?transmission=rigid&friction=smooth";
@@ -163,7 +248,8 @@ Scenario scenario_of(const services::Robot& robot, const RobotFolder& folder, co
 }
 
 /// Runs the initialised twin to its end.
-Verification watched(Master& master, bool with_energy, double T, const services::VerificationOptions& options) {
+Verification watched(Master& master, TwinLoads& loads, bool with_energy, double T,
+                     const services::VerificationOptions& options) {
   Verification v;
   v.rigid = options.rigid;
   v.with_drives = with_energy;
@@ -177,7 +263,11 @@ Verification watched(Master& master, bool with_energy, double T, const services:
   // The work and energy of the move end at T; the tick in which it ends is divided linearly.
   const double work_0 = sum(s.work), lost_0 = sum(s.dissipated), drawn_0 = sum(s.drawn);
   double before = 0, work_before = work_0, lost_before = lost_0, drawn_before = drawn_0;
-  while (master.step_tick()) {
+  const auto next_tick = [&] {
+    if (loads.apply(master.now().seconds())) master.values_changed();
+    return master.step_tick();
+  };
+  while (next_tick()) {
     const double now = master.now().seconds();
     for (std::size_t j = 0; j < n; ++j) {
       v.tracking[j] = std::max(v.tracking[j], std::abs(s.q[j] - s.q_d[j]));
@@ -230,6 +320,7 @@ Verification verify(std::span<const UnitType> types, const std::vector<fs::path>
     throw Error("verify",
                 "a move of " + text::to_text(T) + " s, expected at most " + text::to_text(kLongest) + " s for a co-simulation");
   services::VerificationOptions options = wanted;
+  if (!move.ends().at_rest_at_end()) options.settle = 0;
   options.rigid = wanted.rigid || !robot.drives;
   const RobotFolder folder(robot, options.rigid);
   services::Move timed = move;
@@ -244,9 +335,11 @@ Verification verify(std::span<const UnitType> types, const std::vector<fs::path>
   run.threads = 1;
   try {
     Master master(scenario_of(robot, folder, timed, T, bounds, options), std::move(run));
+    TwinLoads loads(master.members(), robot.model, timed);
     master.initialise();
-    Verification v = watched(master, robot.energy.has_value(), T, options);
+    Verification v = watched(master, loads, robot.energy.has_value(), T, options);
     v.notes.insert(v.notes.begin(), drives_note(robot, timed.drives, options.rigid, wanted.rigid));
+    if (timed.loads.wrench) v.notes.emplace_back("the controller of the twin does not know the wrench");
     compare(robot, rigid, options, v);
     return v;
   } catch (const Error& e) {

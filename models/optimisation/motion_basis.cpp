@@ -8,12 +8,14 @@ namespace cotwin::optimisation {
 
 namespace bernstein = trajectory::bernstein;
 
-bool Ends::at_rest() const {
-  const auto zero = [](const std::vector<double>& v) {
-    return std::all_of(v.begin(), v.end(), [](double x) { return x == 0; });
-  };
-  return zero(dq_from) && zero(ddq_from) && zero(dq_to) && zero(ddq_to);
+namespace {
+bool zero(const std::vector<double>& v) {
+  return std::ranges::all_of(v, [](double x) { return x == 0; });
 }
+}  // namespace
+
+bool Ends::at_rest() const { return zero(dq_from) && zero(ddq_from) && at_rest_at_end(); }
+bool Ends::at_rest_at_end() const { return zero(dq_to) && zero(ddq_to); }
 
 MotionBasis::MotionBasis(int degree, bool at_rest) : terms_(degree), at_rest_(at_rest) {
   const auto add = [&](const std::array<double, 3>& start, const std::array<double, 3>& end) {

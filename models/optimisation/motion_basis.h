@@ -14,6 +14,7 @@ struct Ends {
   std::vector<double> q_from, dq_from, ddq_from;  // n each; rad, rad/s, rad/s²
   std::vector<double> q_to, dq_to, ddq_to;
   bool at_rest() const;
+  bool at_rest_at_end() const;
 };
 
 /// Polynomials over s = t/T in [0, 1] as linear functions of a few coordinates per joint,

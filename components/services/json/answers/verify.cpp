@@ -61,6 +61,7 @@ Json answer_verify(const Robot& robot, Reader& r, const Context& context) {
   const Detail detail = read_detail(r);
   const VerificationOptions options = read_verification(robot, r);
   std::optional<ClearOf> clear = ClearOf::read(robot, r, context, m.carried);
+  r.only_if(r.describes() || m.ends().at_rest_at_end(), "settle_s", "a move that ends at rest");
   if (!r.finish(context)) return {};
   const Plan p = plan_of(robot, m);
   Json reply = verification_json(robot, m, p.solution.T, options, context, detail);
