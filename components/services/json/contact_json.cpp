@@ -5,17 +5,20 @@
 
 namespace cotwin::services {
 
+robot::Frame read_frame(const Robot& robot, Reader& r, const char* what) {
+  const std::string name = r.text("frame", "", what);
+  if (r.describes()) return {};
+  try {
+    return name.empty() ? robot.model.end_effector() : robot.model.frame(name);
+  } catch (const Error& e) {
+    throw RequestError(r.pointer("frame"), e.what());
+  }
+}
+
 ContactOptions read_contact_frame(const Robot& robot, Reader& r, const char* of_frame, const char* of_direction,
                                   const char* of_motors) {
   ContactOptions o;
-  o.frame = r.text("frame", "", of_frame);
-  if (!o.frame.empty()) {
-    try {
-      robot.model.frame(o.frame);
-    } catch (const Error& e) {
-      throw RequestError(r.pointer("frame"), e.what());
-    }
-  }
+  o.frame = read_frame(robot, r, of_frame).name;
   const bool given = r.any("direction") != nullptr;
   const std::vector<double> u = r.vector("direction", 3, true, of_direction);
   if (given) {

@@ -5,6 +5,8 @@
 
 namespace cotwin::services {
 
+/// The member "frame", without it the end effector. Throws RequestError.
+robot::Frame read_frame(const Robot& robot, Reader& r, const char* what);
 /// The members "frame", "direction" and "motors" with their descriptions. Throws RequestError.
 ContactOptions read_contact_frame(const Robot& robot, Reader& r, const char* of_frame, const char* of_direction,
                                   const char* of_motors);

@@ -6,9 +6,6 @@
 
 namespace cotwin::services {
 
-namespace {
-
-/// Some of x, y, z, rx, ry, rz.
 robot::TaskDirections read_directions(Reader& r) {
   if (r.describes())
     r.declare("directions",
@@ -26,19 +23,16 @@ robot::TaskDirections read_directions(Reader& r) {
   }
 }
 
-/// None if the pose is not given.
-std::optional<robot::PoseTarget> read_target(Reader& r) {
-  const bool given = r.any("p_m") || r.any("quaternion_wxyz");
+std::optional<robot::PoseTarget> read_target(Reader& r, bool optional) {
+  const bool given = !optional || r.any("p_m") || r.any("quaternion_wxyz");
   const std::vector<double> p = r.vector("p_m", 3, !given, "in the base"),
                             Q = r.vector("quaternion_wxyz", 4, !given, "of the frame in the base");
-  if (!given) return {};
+  if (!given || r.describes()) return {};
   const Eigen::Quaterniond q(Q[0], Q[1], Q[2], Q[3]);
   if (!(std::abs(q.norm() - 1) < 1e-3))
     throw RequestError(r.pointer("quaternion_wxyz"), "has the norm " + Json(q.norm()).dump() + ", expected 1");
   return robot::PoseTarget{Eigen::Vector3d(p[0], p[1], p[2]), q.normalized()};
 }
-
-}  // namespace
 
 std::optional<PoseGoal> read_pose_goal(Reader& request, const robot::RobotModel& robot) {
   std::string name;
@@ -46,7 +40,7 @@ std::optional<PoseGoal> read_pose_goal(Reader& request, const robot::RobotModel&
   const auto read = [&](Reader& r) {
     name = r.text("frame", "", "of the URDF; without it the end effector");
     goal.directions = read_directions(r);
-    goal.target = read_target(r);
+    goal.target = read_target(r, true);
   };
   if (request.describes())
     request.declare(

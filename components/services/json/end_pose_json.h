@@ -7,6 +7,11 @@
 
 namespace cotwin::services {
 
+/// The members "directions", some of x, y, z, rx, ry, rz, and "axes".
+robot::TaskDirections read_directions(Reader& r);
+/// The members "p_m" and "quaternion_wxyz"; none if they are optional and neither is given.
+std::optional<robot::PoseTarget> read_target(Reader& r, bool optional);
+
 /// The member "to_pose" as it is given.
 struct PoseGoal {
   robot::Frame frame;

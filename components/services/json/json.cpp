@@ -27,6 +27,10 @@ constexpr Service kServices[] = {
     {"effective_mass", "Mass that a frame shows along the move. null: it cannot move in that direction.",
      answer_effective_mass},
     {"safety", "Speeds of a frame against limits of body parts (ISO/TS 15066). Not a proof of safety.", answer_safety},
+    {"manipulability", "Velocities and accelerations that a frame can have along the move: where they are least and greatest.",
+     answer_manipulability},
+    {"payload", "The largest mass that the robot can carry at a frame during the move.", answer_payload},
+    {"reach", "Can a frame get to these poses, and which bound of a joint forbids it?", answer_reach},
     {"reaction", "What a motion does to the free base of a robot: its turn, rate and displacement (V-C).", answer_reaction},
     {"reactionless", "A motion to a posture or pose that does not turn the free base of a robot, and what it costs (V-C).",
      answer_reactionless},
@@ -52,7 +56,7 @@ void add_assumptions(const std::string& service, const Robot& robot, Reader& r, 
   const bool optimise = service == "optimise", path = r.gives("series") || r.gives("waypoints");
   Needs n;
   n.searched = !path && !r.gives("T_s") && (!optimise || r.gives("T_max_s"));
-  if (service == "jerk" && !n.searched) return;  // of the shape alone
+  if (service == "reach" || (service == "jerk" && !n.searched)) return;  // of the shape alone
   const bool safety = service == "safety" || (optimise && has_cost(r, "safety"));
   n.contact = safety || service == "effective_mass" || (optimise && has_cost(r, "effective_mass"));
   if (is("drives", "none")) n.without_drives = "request: drives = none";

@@ -13,24 +13,6 @@ namespace {
 constexpr std::size_t kMostPayloads = 8;
 constexpr double kTooLarge = 1e15;  // products of larger numbers are not finite
 
-/// The members "from_share" and "to_share".
-robot::Interval read_interval(Reader& r, const Takes& takes) {
-  robot::Interval when;
-  if (!takes.intervals) return when;
-  const auto read = [&](const char* name, double other, const char* what) {
-    r.declare(name, {{"type", "number"}, {"minimum", 0}, {"maximum", 1}, {"default", other}}, false, what);
-    const double share = r.number(name, other);
-    if (!(share >= 0 && share <= 1)) throw RequestError(r.pointer(name), "is " + Json(share).dump() + ", expected 0 to 1");
-    return share;
-  };
-  when.from = read("from_share", 0, "of the duration, from which on it acts");
-  when.to = read("to_share", 1, "of the duration, up to which it acts");
-  if (!(when.from < when.to))
-    throw RequestError(r.pointer("to_share"),
-                       "is " + Json(when.to).dump() + ", expected more than from_share, which is " + Json(when.from).dump());
-  return when;
-}
-
 /// Runs read(), with an Error as one of the member.
 template <class Read>
 auto at_member(const Reader& r, const char* name, Read read) {
@@ -53,7 +35,7 @@ robot::Payload read_payload(const robot::RobotModel& model, const std::string& e
   const std::string tool =
       r.text("tool", "", "tools/NAME.urdf beside the folder with robots, in place of the mass; its other links are frames");
   const std::vector<double> box = r.vector("box_m", 3, true, "edges of its shape for clear_of, about its frame");
-  payload.when = read_interval(r, takes);
+  if (takes.intervals) payload.when = read_interval(r);
   if (!tool.empty()) {
     for (const char* other : {"mass_kg", "com_m", "inertia_kg_m2", "box_m"})
       if (r.gives(other)) throw RequestError(r.pointer(other), "is given beside a tool, expected one of them");
@@ -80,7 +62,7 @@ robot::Payload read_payload(const robot::RobotModel& model, const std::string& e
   return payload;
 }
 
-robot::ExternalWrench read_wrench(const std::string& end_effector, Reader& r, const Takes& takes) {
+robot::ExternalWrench read_wrench(const std::string& end_effector, Reader& r) {
   robot::ExternalWrench wrench;
   wrench.frame.name = r.text("frame", end_effector, "at whose origin it acts; without it the end effector");
   r.declare_one_of({"force_N", "moment_Nm"});
@@ -89,7 +71,7 @@ robot::ExternalWrench read_wrench(const std::string& end_effector, Reader& r, co
   wrench.f << read_vector<3>(r, "force_N", true, "of the surroundings on the robot"),
       read_vector<3>(r, "moment_Nm", true, "of the surroundings on the robot, about the frame's origin");
   wrench.in_frame = r.word("axes", {"base", "frame"}, "in which both are constant") == "frame";
-  wrench.when = read_interval(r, takes);
+  wrench.when = read_interval(r);
   r.finish();
   return wrench;
 }
@@ -131,14 +113,29 @@ std::vector<scene::Shape> box_of(Reader& r, const std::vector<double>& edges, co
   return shapes;
 }
 
+robot::Interval read_interval(Reader& r) {
+  robot::Interval when;
+  const auto read = [&](const char* name, double other, const char* what) {
+    r.declare(name, {{"type", "number"}, {"minimum", 0}, {"maximum", 1}, {"default", other}}, false, what);
+    const double share = r.number(name, other);
+    if (!(share >= 0 && share <= 1)) throw RequestError(r.pointer(name), "is " + Json(share).dump() + ", expected 0 to 1");
+    return share;
+  };
+  when.from = read("from_share", 0, "of the duration, from which on it acts");
+  when.to = read("to_share", 1, "of the duration, up to which it acts");
+  if (!(when.from < when.to))
+    throw RequestError(r.pointer("to_share"),
+                       "is " + Json(when.to).dump() + ", expected more than from_share, which is " + Json(when.from).dump());
+  return when;
+}
+
 void read_loads(const Robot& robot, Reader& r, const Context& context, const Takes& takes, MoveRequest& m) {
   if (r.describes()) {
     const Json one = Reader::schema_of([&](Reader& own) { (void)read_payload({}, "", own, "", context, takes, m); });
     r.declare("payload", {{"anyOf", {one, {{"type", "array"}, {"items", one}, {"maxItems", kMostPayloads}}}}}, false,
               "what the robot carries: mass_kg or tool; or several, which may be mounted on earlier ones");
     if (takes.wrench)
-      r.declare("wrench", Reader::schema_of([&](Reader& own) { (void)read_wrench("", own, takes); }), false,
-                "what pushes the robot");
+      r.declare("wrench", Reader::schema_of([&](Reader& own) { (void)read_wrench("", own); }), false, "what pushes the robot");
     return;
   }
   robot::RobotModel carrying = robot.model;
@@ -166,7 +163,7 @@ void read_loads(const Robot& robot, Reader& r, const Context& context, const Tak
   const Json* const given = takes.wrench ? r.any("wrench") : nullptr;
   if (!given) return;
   Reader own(*given, r.pointer("wrench"));
-  m.loads.wrench = read_wrench(end_effector("wrench"), own, takes);
+  m.loads.wrench = read_wrench(end_effector("wrench"), own);
   m.loads.wrench->frame = at_member(own, "frame", [&] { return carrying.frame(m.loads.wrench->frame.name); });
 }
 

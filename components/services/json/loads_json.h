@@ -23,6 +23,9 @@ Eigen::Matrix<double, N, 1> read_vector(Reader& r, const char* name, bool option
 /// One shape, a box with these edges about a place.
 std::vector<scene::Shape> box_of(Reader& r, const std::vector<double>& edges, const Pose& X_BA);
 
+/// The members "from_share" and "to_share".
+robot::Interval read_interval(Reader& r);
+
 /// The members "payload", and with `takes.wrench` "wrench", as loads of the move; shapes of payloads become `m.carried`.
 void read_loads(const Robot& robot, Reader& r, const Context& context, const Takes& takes, MoveRequest& m);
 

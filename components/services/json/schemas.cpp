@@ -137,6 +137,53 @@ const std::pair<const char*, Json (*)()> kReplies[] = {
            .may("fastest", place())
            .may("series", masses());
      }},
+    {"manipulability",
+     []() -> Json {
+       const auto ellipsoids = [](const char* translation, const char* rotation) {
+         const Object at = Object()
+                               .must("t_s", kNumber)
+                               .must("measure", described(kNumber, "product of the longest half-axes of translation"))
+                               .must(translation, described(kNumbers, "half-axes, longest first"))
+                               .must(rotation, kNumbers);
+         return Object()
+             .must("dimensions", described({{"type", "integer"}}, "half-axes in the measure"))
+             .must("least", at)
+             .must("greatest", at);
+       };
+       return Object()
+           .must("feasible", kBoolean)
+           .must("reason", kText)
+           .must("T_s", kNumber)
+           .must("kinematic",
+                 described(ellipsoids("translation_m_per_s", "rotation_rad_per_s"), "speeds of the joints up to 1"))
+           .must("dynamic", described(or_null(ellipsoids("translation_m_per_s2", "rotation_rad_per_s2")),
+                                      "torques up to their bounds; null: a joint has none"));
+     }},
+    {"payload",
+     []() -> Json {
+       return Object()
+           .must("feasible", described(kBoolean, "without the payload"))
+           .must("reason", kText)
+           .must("T_s", kNumber)
+           .must("mass_kg",
+                 described(kNumberOrNull, "a point mass; null: the motion is not feasible without it, or nothing limits it"))
+           .must("limiting", limiting());
+     }},
+    {"reach",
+     []() -> Json {
+       return Object()
+           .must("feasible", described(kBoolean, "all poses are reached"))
+           .must("reason", described(kText, "of the first pose that is not reached"))
+           .must("poses", array_of(Object()
+                                       .must("reached", kBoolean)
+                                       .must("reason", kText)
+                                       .must("distance_m", described(kNumber, "that is left"))
+                                       .must("angle_rad", kNumber)
+                                       .may("q_rad", described(Json({{"type", {"array", "null"}}, {"items", kNumber}}),
+                                                               "a posture; null: there is none"))
+                                       .may("q", described(Json({{"type", {"array", "null"}}, {"items", kNumber}}),
+                                                           "the same of a robot with prismatic joints"))));
+     }},
     {"reaction",
      []() -> Json {
        return reaction()
