@@ -55,6 +55,11 @@ PathManipulability manipulability_along(const robot::RobotModel& robot, const Mo
   r.least = largest(grid, at, [&](const ManipulabilityAt& one) { return -measure(one); });
   r.greatest = largest(grid, at, measure);
   for (ManipulabilityAt* one : {&r.least, &r.greatest}) one->measure = measure(*one);
+  constexpr std::size_t kSamples = 201;
+  for (std::size_t i = 0; i < kSamples; ++i) {
+    r.series.push_back(at(path.begin() + p.solution.T * static_cast<double>(i) / (kSamples - 1)));
+    r.series.back().measure = measure(r.series.back());
+  }
   return r;
 }
 

@@ -1,6 +1,6 @@
 #pragma once
 #include <Eigen/Core>
-#include <string>
+#include <vector>
 
 #include "components/services/services.h"
 
@@ -17,6 +17,7 @@ struct PathManipulability {
   double T = 0;        // s
   int dimensions = 0;  // of the measure
   ManipulabilityAt least, greatest;
+  std::vector<ManipulabilityAt> series;  // at 201 equidistant times
 };
 /// Velocities for ‖q̇‖ ≤ 1 (m/s, rad/s), or with `dynamic` accelerations for torques of the motors within an ellipsoid that touches their bounds
 /// (m/s², rad/s²; M with the inertia of the motors of move.drives, and with what is carried). Throws Error for an unknown frame, for `dynamic` with

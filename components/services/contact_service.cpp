@@ -30,7 +30,8 @@ class Along {
         f_(static_cast<int>(robot.joints.size())),
         q_(robot.n()),
         dq_(robot.n()),
-        ddq_(robot.n()) {
+        ddq_(robot.n()),
+        dddq_(robot.n()) {
     if (o.samples < 2 || o.samples > 1000000)
       throw Error("effective mass", std::to_string(o.samples) + " samples, expected 2 to 1000000");
     if (o.u && !(o.u->norm() > 1e-150 && o.u->allFinite()))
@@ -51,13 +52,15 @@ class Along {
     bool counts = false;  // for masses along the motion: the frame moves
   };
   Sample at(double t) {
-    path_.at(t, span(q_), span(dq_), span(ddq_));
+    path_.at(t, span(q_), span(dq_), span(ddq_), span(dddq_));
     robot::frame_inertia(dynamics_.mechanism(share(t)), scratch_.data, q_,
                          Eigen::Map<const Eigen::VectorXd>(B_.data(), static_cast<Eigen::Index>(B_.size())), frame_, f_);
     const Eigen::Vector3d v = f_.J.topRows<3>() * dq_;
     const bool moves = v.norm() > kResting;
-    // At rest along the acceleration, into which the velocity turns: J q̈ at the ends of the move.
-    const Eigen::Vector3d towards = moves ? v : Eigen::Vector3d(f_.J.topRows<3>() * ddq_);
+    // At rest along the acceleration, into which the velocity turns, and where that is 0 up to rounding along the jerk: J times them at the ends.
+    constexpr double kRounding = 1e-6;
+    const Eigen::Vector3d a = f_.J.topRows<3>() * ddq_, jerk = f_.J.topRows<3>() * dddq_;
+    const Eigen::Vector3d towards = moves ? v : a.norm() > kRounding * T * jerk.norm() ? a : jerk;
     const Eigen::Vector3d u = u_                   ? u_->stableNormalized()
                               : towards.norm() > 0 ? Eigen::Vector3d(towards.stableNormalized())
                                                    : Eigen::Vector3d::UnitX();
@@ -119,7 +122,7 @@ class Along {
   std::vector<double> B_;
   double load_;
   robot::FrameInertia f_;
-  Eigen::VectorXd q_, dq_, ddq_;
+  Eigen::VectorXd q_, dq_, ddq_, dddq_;
   trajectory::Path path_;
 };
 

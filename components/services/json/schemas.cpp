@@ -148,7 +148,12 @@ const std::pair<const char*, Json (*)()> kReplies[] = {
          return Object()
              .must("dimensions", described({{"type", "integer"}}, "half-axes in the measure"))
              .must("least", at)
-             .must("greatest", at);
+             .must("greatest", at)
+             .may("series", Object()
+                                .must("t_s", kNumbers)
+                                .must("measure", kNumbers)
+                                .must(translation, array_of(kNumbers))
+                                .must(rotation, array_of(kNumbers)));
        };
        return Object()
            .must("feasible", kBoolean)
@@ -167,22 +172,22 @@ const std::pair<const char*, Json (*)()> kReplies[] = {
            .must("T_s", kNumber)
            .must("mass_kg",
                  described(kNumberOrNull, "a point mass; null: the motion is not feasible without it, or nothing limits it"))
-           .must("limiting", limiting());
+           .may("limiting", limiting());
      }},
     {"reach",
      []() -> Json {
        return Object()
            .must("feasible", described(kBoolean, "all poses are reached"))
            .must("reason", described(kText, "of the first pose that is not reached"))
-           .must("poses", array_of(Object()
-                                       .must("reached", kBoolean)
-                                       .must("reason", kText)
-                                       .must("distance_m", described(kNumber, "that is left"))
-                                       .must("angle_rad", kNumber)
-                                       .may("q_rad", described(Json({{"type", {"array", "null"}}, {"items", kNumber}}),
-                                                               "a posture; null: there is none"))
-                                       .may("q", described(Json({{"type", {"array", "null"}}, {"items", kNumber}}),
-                                                           "the same of a robot with prismatic joints"))));
+           .may("poses", array_of(Object()
+                                      .must("reached", kBoolean)
+                                      .must("reason", kText)
+                                      .must("distance_m", described(kNumber, "that is left"))
+                                      .must("angle_rad", kNumber)
+                                      .may("q_rad", described(Json({{"type", {"array", "null"}}, {"items", kNumber}}),
+                                                              "a posture; null: there is none"))
+                                      .may("q", described(Json({{"type", {"array", "null"}}, {"items", kNumber}}),
+                                                          "the same of a robot with prismatic joints"))));
      }},
     {"reaction",
      []() -> Json {

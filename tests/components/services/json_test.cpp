@@ -99,6 +99,12 @@ json lwr_move(const std::string& service) {
   if (service == "reaction" || service == "reactionless") r["momentum"] = {{"angular_Nms", {0, 0, 0.1}}};
   if (service == "throughput") r.update({{"M_kg", 1}, {"S_N_per_m", {500, 1500}}, {"zeta", 1}});
   if (service == "optimise") r.update({{"T_min_s", 2}, {"degree", 7}, {"particles", 8}, {"rounds", 4}});
+  if (service == "payload") r["T_s"] = 2;
+  if (service == "reach") {
+    r.erase("to_q_rad");
+    r["poses"] = {{{"p_m", {0.4, 0.2, 0.6}}, {"quaternion_wxyz", {1, 0, 0, 0}}},
+                  {{"p_m", {2, 0, 0}}, {"quaternion_wxyz", {1, 0, 0, 0}}}};
+  }
   return r;
 }
 
@@ -158,13 +164,46 @@ TEST(ServiceSchemas, FitMovesThatAreNotPossibleAndEveryRule) {
   json timed = beyond;
   timed["T_s"] = 0.1;
   for (const std::string& service : service_names())
-    if (service != "cycle_time" && service != "optimise" && service != "verify")
+    if (service != "cycle_time" && service != "optimise" && service != "verify" && service != "reach")
       fits(service, service == "reactionless" ? json{{"T_s", 0.1}} : timed);
   fits("optimise", {{"T_min_s", 0.1}, {"detail", "all"}});
   const json two{{{"name", "torque"}}, {{"name", "jerk"}}};
   for (const char* rule : {"weighted", "lexicographic", "pareto"}) fits("optimise", {{"cost", two}, {"rule", rule}});
   fits("optimise", {{"cost", two}, {"rule", "pareto"}, {"T_min_s", 0.1}});
   fits("optimise", {{"degree", 31}, {"refine", false}});
+}
+
+// In all services that take them.
+TEST(ServiceSchemas, FitLoadsPathsAndEndsInMotion) {
+  Robots robots({robots_folder()});
+  Context context;
+  context.verify = echo;
+  const json payload{{"mass_kg", 1}, {"com_m", {0, 0, 0.1}}, {"inertia_kg_m2", {0.01, 0, 0, 0.01, 0, 0.01}}},
+      postures{{"t_s", {0, 2}}, {"q_rad", {lwr_move("jerk")["from_q_rad"], lwr_move("jerk")["to_q_rad"]}}};
+  const std::map<std::string, json> members{
+      {"payload", json::array({payload, {{"name", "part"}, {"frame", "link_5"}, {"mass_kg", 2}}})},
+      {"wrench", {{"force_N", {1, 2, 3}}, {"moment_Nm", {1, 2, 3}}, {"axes", "frame"}, {"from_share", 0.1}, {"to_share", 0.2}}},
+      {"dq_to_rad_per_s", {0.1, 0, 0, 0, 0, 0, 0}},
+      {"waypoints", postures},
+      {"series", postures}};
+  std::map<std::string, std::size_t> taken;
+  for (const std::string& service : service_names())
+    for (const auto& [name, value] : members) {
+      const json both = json::parse(schema(service));
+      if (!both["request"]["properties"].contains(name)) continue;
+      ++taken[name];
+      json request = lwr_move(service);
+      if (name == "waypoints" || name == "series")
+        for (const char* other : {"from_q_rad", "to_q_rad", "T_s"}) request.erase(other);
+      if (name == "dq_to_rad_per_s" && service != "optimise") request["T_s"] = 2;
+      request["detail"] = "all";
+      request[name] = value;
+      EXPECT_EQ(misfit(both["request"], request), "") << service << name;
+      const json reply = json::parse(answer(robots, request.dump(), context));
+      EXPECT_EQ(misfit(both["reply"], reply), "") << service << name;
+    }
+  EXPECT_EQ(taken["payload"], service_names().size() - 1);  // all but reach
+  EXPECT_EQ(taken["series"], 10U);
 }
 
 TEST(ServiceSchemas, RequireWhatTheServicesRequire) {
@@ -207,7 +246,7 @@ TEST(ServiceSchemas, HaveTheMembersThatTheServicesRead) {
       if (alternative || other_units || name == "D_Ns_per_m") continue;
       EXPECT_THAT(message, HasSubstr(name)) << service;
     }
-    EXPECT_GT(count, 10U);
+    EXPECT_GT(count, service == "reach" ? 5U : 10U);
   }
 }
 
@@ -749,7 +788,8 @@ TEST(ServiceRequests, AreCheckedWithoutAnAnswer) {
       return "none";
     };
     EXPECT_EQ(pointer(nullptr, json::object()), "none") << service << ": also verify, although there is no twin here";
-    EXPECT_EQ(pointer("to_q_rad", json::object()), "/to_q_rad") << service;
+    const char* const needed = service == "reach" ? "poses" : "to_q_rad";
+    EXPECT_EQ(pointer(needed, json::object()), std::string("/") + needed) << service;
     EXPECT_EQ(pointer(nullptr, {{"dq_mx_rad_per_s", {1}}}), "/dq_mx_rad_per_s") << service;
     EXPECT_EQ(pointer(nullptr, {{"from_q_rad", {0, 1}}}), "/from_q_rad") << service;
     EXPECT_EQ(pointer(nullptr, {{"robot", "nobody"}}), "/robot") << service;

@@ -450,7 +450,8 @@ TEST(ReactionService, RefusesWhatIsNoMotionAndNoBase) {
   EXPECT_THAT(refusal({{"base", {{"com_m", {1e15, 0, 0}}}}}), HasSubstr("/base/com_m: has numbers of 1e15 and more"));
   EXPECT_THAT(refusal({{"base", {{"colour", 1}}}}), HasSubstr("/base/colour: is an unknown member"));
   EXPECT_THAT(refusal({{"momentum", {{"angular_Nms", {0, 0}}}}}), HasSubstr("/momentum/angular_Nms: has 2 values, expected 3"));
-  EXPECT_THAT(refusal({{"series", {{"t_s", {0, 1}}, {"q_rad", {row, row}}}}}), HasSubstr("/from_q_rad: is given beside series"));
+  EXPECT_THAT(refusal({{"series", {{"t_s", {0, 1}}, {"q_rad", {row, row}}}}}),
+              HasSubstr("/from_q_rad: is given beside series"));
   for (const char* service : {"feasibility", "effective_mass", "energy", "verify"}) {
     EXPECT_THAT(refusal({{"service", service}}),
                 HasSubstr("/base: is given, but this service knows fixed bases only; `reaction`"))

@@ -50,6 +50,7 @@ std::string obstacle(const robot::RobotModel& bounded, const PoseGoal& goal, con
 
 Json answer_manipulability(const Robot& robot, Reader& r, const Context& context) {
   const MoveRequest m = read_move(robot, r, context, kAnyMotion);
+  const Detail detail = read_detail(r);
   const robot::Frame frame = read_frame(robot, r, "of the URDF; without it the end effector");
   if (!r.finish(context)) return {};
   const Plan p = plan_of(robot, m);
@@ -67,12 +68,18 @@ Json answer_manipulability(const Robot& robot, Reader& r, const Context& context
     const PathManipulability found = manipulability_along(robot.model, timed, frame, dynamic);
     reply[name] = {
         {"dimensions", found.dimensions}, {"least", place(found.least, dynamic)}, {"greatest", place(found.greatest, dynamic)}};
+    if (detail < Detail::kSeries) continue;
+    for (const ManipulabilityAt& at : found.series) {
+      const Json one = place(at, dynamic);
+      for (const auto& [member, value] : one.items()) reply[name]["series"][member].push_back(value);
+    }
   }
   return reply;
 }
 
 Json answer_payload(const Robot& robot, Reader& r, const Context& context) {
   const MoveRequest m = read_move(robot, r, context, kAnyMotion);
+  const Detail detail = read_detail(r);
   const robot::Frame frame = read_frame(robot, r, "that carries it, of the URDF; without it the end effector");
   robot::Payload part{{"largest_payload", frame.name, {}, {}, {}}, {}};
   part.part.inertia.mass = 1;
@@ -89,8 +96,8 @@ Json answer_payload(const Robot& robot, Reader& r, const Context& context) {
   Json reply{{"feasible", feasible},
              {"reason", p.solution.reason},
              {"T_s", p.solution.T},
-             {"mass_kg", limited ? Json(found.mass) : Json(nullptr)},
-             {"limiting", limited ? limiting_of(robot.model, {found.at}) : Json(nullptr)}};
+             {"mass_kg", limited ? Json(found.mass) : Json(nullptr)}};
+  if (detail >= Detail::kMargins) reply["limiting"] = limited ? limiting_of(robot.model, {found.at}) : Json(nullptr);
   add_notes(reply, m.notes);
   if (feasible && !limited) add_notes(reply, {"no bound of torque limits the payload"});
   return reply;
@@ -98,6 +105,7 @@ Json answer_payload(const Robot& robot, Reader& r, const Context& context) {
 
 Json answer_reach(const Robot& robot, Reader& r, const Context& context) {
   const JointUnits units(robot.model);
+  const Detail detail = read_detail(r);
   PoseGoal goal;
   goal.frame = read_frame(robot, r, "of the URDF; without it the end effector");
   goal.directions = read_directions(r);
@@ -144,7 +152,9 @@ Json answer_reach(const Robot& robot, Reader& r, const Context& context) {
                      {"angle_rad", posture.angle},
                      {units.name("q", 0), posture.reached ? array_of(posture.q) : Json(nullptr)}});
   }
-  return {{"feasible", reason.empty()}, {"reason", reason}, {"poses", poses}};
+  Json reply{{"feasible", reason.empty()}, {"reason", reason}};
+  if (detail >= Detail::kMargins) reply["poses"] = poses;
+  return reply;
 }
 
 }  // namespace cotwin::services
