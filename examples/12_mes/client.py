@@ -16,6 +16,7 @@ import urllib.request
 ROBOT = "lwr4"
 FROM, TO = [0, -0.9, 0, 1.2, 0, 0.6, 0], [1.2, 0.9, 0, -1.2, 0, -0.6, 0]  # rad
 TABLE = {"scene": "table", "base": {"p_m": [0, 0, 0.3105]}, "self": True}  # what the robot stands on and must not meet, nor itself
+PART = {"mass_kg": 3, "p_m": [0, 0, 0.15], "box_m": [0.08, 0.08, 0.08]}  # what it may carry, about a place of the flange
 DURATION = 2.0  # s, that the takt of the cell leaves
 SAMPLE = 0.002  # s, of the cell's recording
 
@@ -121,6 +122,12 @@ def main():
     if not asked["feasible"]:
         sys.exit("the quintic is not possible in this time: " + asked["reason"])
 
+    asked = gateway.call("POST", "/services/feasibility", {**move, "T_s": DURATION, "payload": PART, "clear_of": TABLE})
+    if not asked["feasible"]:
+        sys.exit("the quintic is not possible with the part: " + asked["reason"])
+    most = gateway.call("POST", "/services/payload", {**move, "T_s": DURATION, "com_m": PART["p_m"]})
+    print(f"   it may carry the part of {PART['mass_kg']} kg; the largest one is {most['mass_kg']:.2f} kg, by the torque of {most['limiting']['joint']}")
+
     request = {"service": "optimise", **move, "T_min_s": DURATION, "degree": 9, "cost": "torque", "drives": "none", "particles": a.particles, "rounds": a.rounds}
     order = {"JobOrderID": f"better-{os.getpid()}", "Priority": 5, "Description": [{"Locale": "en", "Text": "cheaper motion of cell 12"}],
              "JobOrderParameters": [{"ID": "Request", "Value": request}]}
@@ -146,7 +153,7 @@ def main():
     quintic, _, _ = run_cell(a.program, os.path.join(a.out, "quintic"), T, [0.0] * len(coefficients))
     cheaper, largest, miss = run_cell(a.program, os.path.join(a.out, "cheaper"), T, coefficients)
     report = {"predicted": better["cost"], "run": cheaper, "quintic": quintic, "saved_share": 1 - cheaper / quintic,
-              "prediction_error": abs(cheaper / better["cost"] - 1), "miss_rad": miss, "largest_torque_Nm": largest, "job": job}
+              "prediction_error": abs(cheaper / better["cost"] - 1), "miss_rad": miss, "largest_payload_kg": most["mass_kg"], "largest_torque_Nm": largest, "job": job}
     print(f"6. compare: run {cheaper:.1f} N²m²s, predicted {better['cost']:.1f} ({100 * report['prediction_error']:.1f} % apart); the quintic "
           f"needs {quintic:.1f}, so {100 * report['saved_share']:.1f} % are saved; the robot ends {1e3 * miss:.2f} mrad from its target")
     with open(os.path.join(a.out, "report.json"), "w") as file:

@@ -645,6 +645,7 @@ TEST(MesExample, ClientsAskChooseRunWatchAndCompare) {
   EXPECT_LT(report["prediction_error"].get<double>(), 0.05) << report;
   EXPECT_GT(report["saved_share"].get<double>(), 0.05) << report;
   EXPECT_LT(report["miss_rad"].get<double>(), 0.02) << report;
+  EXPECT_NEAR(report["largest_payload_kg"].get<double>(), 9.28, 0.01) << report;
   EXPECT_THAT(result.out, HasSubstr("job better-"));
 }
 

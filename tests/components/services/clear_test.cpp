@@ -33,6 +33,8 @@ class ClearOfScenes : public ::testing::Test {
     };
     folder_.write("scenes/post.sdf", "<sdf version=\"1.11\"><world name=\"w\">" +
                                          model("post", "0.62 0.42 0.2 0 0 0", "0.1 0.1 1.2") + "</world></sdf>");
+    folder_.write("scenes/far.sdf", "<sdf version=\"1.11\"><world name=\"w\">" +
+                                        model("post", "0.8 0.55 0.2 0 0 0", "0.1 0.1 1.2") + "</world></sdf>");
     folder_.write("scenes/empty.sdf", "<sdf version=\"1.11\"><world name=\"w\"/></sdf>");
     std::filesystem::create_directories(folder_ / "robots");
   }
@@ -53,6 +55,34 @@ class ClearOfScenes : public ::testing::Test {
     return error_of([&] { ask({{"clear_of", clear_of}}); });
   }
 };
+
+// The shape of a payload counts while it is carried.
+TEST_F(ClearOfScenes, MeetPayloadsWhileTheyAreCarried) {
+  const json scene{{"clear_of", {{"scene", "far"}}}};
+  const json free = ask(scene);
+  ASSERT_EQ(free["feasible"], true) << free["reason"];
+  const auto with = [&](const json& interval, double T = 2) {
+    json request = scene;
+    request["T_s"] = T;
+    request["payload"] = {{"mass_kg", 0.5}, {"p_m", {0, 0, 0.25}}, {"box_m", {0.05, 0.05, 0.3}}};
+    request["payload"].update(interval);
+    return ask(request);
+  };
+  const json carried = with(json::object());
+  ASSERT_EQ(carried["feasible"], false);
+  EXPECT_EQ(carried["clear_of"]["nearest"]["link"], "payload_1");
+  EXPECT_THAT(carried["reason"].get<std::string>(), HasSubstr("payload_1 meets post at "));
+  const double t = carried["clear_of"]["nearest"]["t_s"];
+  EXPECT_EQ(with({{"to_share", t / 2 - 0.02}})["feasible"], true);
+  EXPECT_EQ(with({{"to_share", t / 2 + 0.02}})["feasible"], false);
+  EXPECT_EQ(with({{"from_share", t / 2 - 0.02}})["feasible"], false);
+  EXPECT_NEAR(with({{"from_share", 0.01}}, 5)["clear_of"]["nearest"]["t_s"].get<double>(), 2.5 * t, 2e-3);
+  // Shapes of others with this name are refused.
+  json twice = scene;
+  twice["payload"] = {{"name", "hand"}, {"mass_kg", 0.5}, {"box_m", {0.05, 0.05, 0.3}}};
+  twice["clear_of"]["tools"] = {{{"name", "hand"}, {"frame", "link_7"}, {"box_m", {0.1, 0.1, 0.1}}}};
+  EXPECT_THAT(error_of([&] { ask(twice); }), HasSubstr("/clear_of/tools: has 'hand', which is a payload, too"));
+}
 
 TEST_F(ClearOfScenes, TellTheFirstTimeALinkAndThePoints) {
   const json free = ask({{"clear_of", {{"scene", "empty"}}}});

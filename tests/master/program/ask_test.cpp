@@ -174,10 +174,27 @@ TEST(AskCommand, TakesARecordingInPlaceOfAMove) {
     EXPECT_EQ(refused.code, 2);
     return refused.err;
   };
-  EXPECT_THAT(refusal({"--from", "0,0,0,0,0,0,0"}), HasSubstr("--from: is given beside a series, expected one of them"));
-  EXPECT_THAT(refusal({"--duration", "3"}), HasSubstr("--duration: is given beside a series, which has its own times"));
+  EXPECT_THAT(refusal({"--from", "0,0,0,0,0,0,0"}), HasSubstr("--from: is given beside a series or waypoints"));
+  EXPECT_THAT(refusal({"--duration", "3"}), HasSubstr("--duration: is given beside a series or waypoints"));
   EXPECT_THAT(refusal({"--with", "{\"series\": {}}"}), HasSubstr("--series: is given beside the member series of --with"));
-  EXPECT_THAT(run_program({"ask", "energy", "--series", file}).err, HasSubstr("--series: is given for the service energy"));
+  EXPECT_THAT(run_program({"ask", "throughput", "--series", file}).err,
+              HasSubstr("--series: is given for the service throughput"));
+  // What the robot did, and what it cost; nothing that unit:motion would run in another way.
+  std::vector<std::string> cost = ask;
+  cost[1] = "energy";
+  const auto spent = run_program(cost);
+  EXPECT_EQ(json::parse(spent.out)["T_s"], 2) << spent.err;
+  cost[1] = "feasibility";
+  cost.insert(cost.end(), {"--motion", folder / "motion.ssv"});
+  EXPECT_THAT(run_program(cost).err, HasSubstr("--motion: is given beside a series or waypoints"));
+  EXPECT_EQ(
+      run_program({"ask", "reach", "--with", R"({"poses": [{"p_m": [0.4, 0, 0.5], "quaternion_wxyz": [0, 1, 0, 0]}]})"}).code,
+      0);
+  EXPECT_THAT(run_program({"ask", "reach", "--to", "0,0,0,0,0,0,0"}).err, HasSubstr("--to: is given for the service reach"));
+  EXPECT_EQ(run_program({"ask", "torques", "--with",
+                         R"({"waypoints": {"t_s": [0, 1], "q_rad": [[0,0,0,0,0,0,0], [0.1,0,0,0,0,0,0]]}})"})
+                .code,
+            0);
   EXPECT_THAT(run_program({"ask", "reaction", "--q-columns", "x"}).err, HasSubstr("--q-columns: is given without --series"));
 }
 
@@ -583,6 +600,66 @@ TEST(Verify, TellsWhatTheTwinRestsOn) {
             "inertia of motors;Coulomb friction;viscous friction;stiffness of joints;D, sigma0, sigma1, tau_S, v_S;" + energy);
   EXPECT_EQ(listed({{"robot", "iiwa14"}}), "inertia of motors;stiffness of joints;D, sigma0, sigma1, tau_S, v_S;" + energy);
   EXPECT_EQ(listed({{"robot", "lwr4"}, {"drives", "none"}}), "inertia of motors;friction;" + energy);
+}
+
+// What is carried all the way is as a link of the URDF; what comes and goes, and a wrench that the controller does not know, shake the twin,
+// whose work is the predicted one.
+TEST(Verify, CarriesPayloadsAndIsPushed) {
+  const cotwin::testing::TemporaryFolder folder("loads");
+  std::string urdf = cotwin::testing::content(robots_folder() / "lwr4/robot.urdf");
+  urdf.insert(
+      urdf.rfind("</robot>"),
+      "<link name=\"part\"><inertial><origin xyz=\"0 0.02 0.1\"/><mass value=\"4\"/><inertia ixx=\"0.02\" ixy=\"0\" ixz=\"0\" "
+      "iyy=\"0.02\" iyz=\"0\" izz=\"0.01\"/></inertial></link><joint name=\"part_joint\" type=\"fixed\"><parent "
+      "link=\"link_7\"/><child link=\"part\"/></joint>");
+  folder.write("robots/heavy/robot.urdf", urdf);
+  for (const char* file : {"drive_train.ssv", "energy.ssv", "compliance.ssv"})
+    folder.write(std::string("robots/heavy/") + file, cotwin::testing::content(robots_folder() / "lwr4" / file));
+  Robots robots({robots_folder(), folder / "robots"});
+  cotwin::services::Move move;
+  move.from_q = {0, 0.5, 0, -1, 0, 0.6, 0};
+  move.to_q = {1.2, -0.2, 0.4, 0.7, -0.5, -0.3, 0.8};
+  const auto plain = twin_of(*robots.find("lwr4"), move, 2), heavy = twin_of(*robots.find("heavy"), move, 2);
+  cotwin::robot::Payload part{{"part", "link_7", {}, {4, {0, 0.02, 0.1}, {}}, {}}, {}};
+  part.part.inertia.I_CC = Eigen::Vector3d(0.02, 0.02, 0.01).asDiagonal();
+  move.loads.payloads = {part};
+  const auto carried = twin_of(*robots.find("lwr4"), move, 2);
+  EXPECT_NEAR(carried.work, heavy.work, 1e-6 * heavy.work);
+  EXPECT_NEAR(carried.work_rigid, heavy.work_rigid, 1e-9 * heavy.work);
+  EXPECT_GT(carried.work, 1.1 * plain.work);
+  for (std::size_t j = 0; j < 7; ++j) {
+    EXPECT_NEAR(carried.tau[j], heavy.tau[j], 1e-5) << j;
+    EXPECT_LT(carried.tracking[j], 1e-3);
+  }
+  move.loads.payloads.front().when = {0.3, 0.7};
+  const auto lifted = twin_of(*robots.find("lwr4"), move, 2);
+  EXPECT_NEAR(lifted.work, lifted.work_rigid, 0.02 * lifted.work_rigid);
+  EXPECT_GT(lifted.work, plain.work + 5);
+  EXPECT_GT(*std::ranges::max_element(lifted.tracking), 1e-3);
+  EXPECT_LT(*std::ranges::max_element(lifted.end_error), 5e-4);  // without it again
+  move.loads.payloads.clear();
+  move.loads.wrench = cotwin::robot::ExternalWrench{robots.find("lwr4")->model.end_effector(), {}, false, {0, 0.6}};
+  move.loads.wrench->f << 0, 0, -40, 0, 0, 0;
+  const auto pushed = twin_of(*robots.find("lwr4"), move, 2);
+  EXPECT_NEAR(pushed.work, pushed.work_rigid, 0.02 * pushed.work_rigid);
+  EXPECT_GT(std::abs(pushed.work - plain.work), 2);
+  EXPECT_GT(*std::ranges::max_element(pushed.tracking), 1e-3);
+  EXPECT_LT(*std::ranges::max_element(pushed.end_error), 5e-4);
+  EXPECT_THAT(pushed.notes, ::testing::Contains(HasSubstr("does not know the wrench")));
+  EXPECT_EQ(twin_of(*robots.find("lwr4"), move, 2).work, pushed.work);
+}
+
+TEST(Verify, BeginsAndEndsInMotion) {
+  Robots robots({robots_folder()});
+  cotwin::services::Move move;
+  move.from_q = {0, 0.5, 0, -1, 0, 0.6, 0};
+  move.to_q = {1.2, -0.2, 0.4, 0.7, -0.5, -0.3, 0.8};
+  move.dq_from = move.dq_to = {0.5, -0.2, 0, 0.5, 0, -0.3, 0.2};
+  const auto v = twin_of(*robots.find("lwr4"), move, 1.9995);
+  EXPECT_TRUE(v.feasible) << v.reason;
+  EXPECT_EQ(v.settle, 0);
+  EXPECT_LT(*std::ranges::max_element(v.tracking), 1e-3);
+  EXPECT_NEAR(v.work, v.work_rigid, 0.02 * v.work_rigid);
 }
 
 // The twin has the friction of the rigid formula: without drive_train.ssv that of the URDF.
