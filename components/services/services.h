@@ -9,6 +9,7 @@
 ///   energy_service.h    energy of a motion and its best duration
 ///   contact_service.h   effective mass and safety of persons along a motion
 ///   reaction_service.h  what a motion does to a free base
+///   ability_service.h   manipulability along a motion, the largest payload
 ///   robots.h            robots with the data beside their URDF
 ///   json.h, schemas.h   the same as JSON
 namespace cotwin::services {

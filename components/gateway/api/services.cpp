@@ -44,6 +44,7 @@ Json request_schema(const ServiceInfo& service) {
   if (!members.contains("from_q_rad")) return schema;
   members["from"] = {{"const", "run"}, {"description", "the present joint positions of the run, in place of from_q_rad"}};
   members["from_signal"] = {{"type", "string"}, {"description", "the signal that has them; without it the only q of the run"}};
+  if (!schema.contains("allOf")) return schema;
   for (Json& choice : schema["allOf"]) {
     if (choice["anyOf"][0]["required"][0] == "from_q_rad") choice["anyOf"].push_back({{"required", Json::array({"from"})}});
   }

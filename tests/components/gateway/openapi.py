@@ -340,15 +340,18 @@ def check_services(g):
         jsonschema.Draft202012Validator.check_schema(master["RequestSchema"])
         jsonschema.Draft202012Validator.check_schema(master["ReplySchema"])
         plain = {**MOVE, "detail": "all", **special.get(name, {})}
-        if name not in ("optimise", "cycle_time"):
+        if name == "reach":
+            plain = {"robot": "lwr4", "poses": [{"p_m": [0.4, 0.2, 0.6], "quaternion_wxyz": [1, 0, 0, 0]}]}
+        elif name not in ("optimise", "cycle_time"):
             plain["T_s"] = 2
+        needed = "poses" if name == "reach" else "to_q_rad"
         reply, header = g.call("POST", "/services/{name}", 200, {"name": name}, body=plain, fields={"Prefer": "wait=30"})
         own = jsonschema.Draft202012Validator(master["ReplySchema"])
         expect(own.is_valid(reply), name, "reply does not fit its own schema", [e.message for e in own.iter_errors(reply)][:2])
         expect(master["Immediate"] or header.getheader("Content-Location"), name, "has no Content-Location")
         g.call("POST", "/services/{name}", 200, {"name": name}, body={**plain, "service": name}, fields={"Prefer": "wait=30"})
         g.call("POST", "/services/{name}", 422, {"name": name}, body={**plain, "robot": "nobody"}, well_formed=True)
-        g.call("POST", "/services/{name}", 422, {"name": name}, body={k: v for k, v in plain.items() if k != "to_q_rad"},
+        g.call("POST", "/services/{name}", 422, {"name": name}, body={k: v for k, v in plain.items() if k != needed},
                well_formed="to_pose" in plain)  # which may be the goal by itself
         g.call("POST", "/services/{name}", 422, {"name": name}, body={**plain, "detail": "some"})
     feasibility = {"name": "feasibility"}

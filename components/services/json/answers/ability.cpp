@@ -14,7 +14,7 @@ namespace cotwin::services {
 
 namespace {
 
-constexpr std::size_t kMostPoses = 1000;
+constexpr std::size_t kMostPoses = 100;
 
 Json array_of(const Eigen::VectorXd& v) { return std::vector<double>(v.begin(), v.end()); }
 
