@@ -218,6 +218,8 @@ Torques torques_at(const Plan& plan, std::span<const double> s) {
   const Eigen::Map<const Eigen::VectorXd> Q(q.data(), n), V(dq.data(), n), A(ddq.data(), n);
   Eigen::VectorXd all(n), h(n), g(n);
   Torques r;
+  for (auto* x : {&r.q, &r.dq, &r.ddq, &r.inertial, &r.coriolis, &r.gravity, &r.drive, &r.external})
+    x->reserve(s.size() * q.size());
   for (const double share : s) {
     r.t.push_back(path.begin() + plan.solution.T * share);
     path.at(r.t.back(), q, dq, ddq);

@@ -12,7 +12,8 @@ struct CanonicalRequest {
   std::string text;            // as canonical_json
   std::string hash;            // SHA-256 of the text, hexadecimal
   std::string service, robot;  // members of the request; robot may be missing: ""
-  bool reads_more = false;     // the reply depends on files of others than the robot: a scene, further robots, tools (clear_of, payload)
+  bool reads_more =
+      false;  // the reply depends on files of others than the robot: a scene, further robots, tools (clear_of, payload)
 };
 
 /// Throws Error with the JSON pointer: as canonical_json, and for a service or robot that is no string of 1 to 200 bytes.

@@ -17,7 +17,7 @@ constexpr std::size_t kMostRobots = 20, kMostTools = 20;
 
 Pose read_base(Reader& r, const char* what) {
   const auto read = [](Reader& own) { return read_pose(own, "in the scene; without it 0"); };
-  r.declare("base", Reader::schema_of([&](Reader& own) { (void)read(own); }), false, what);
+  if (r.describes()) r.declare("base", Reader::schema_of([&](Reader& own) { (void)read(own); }), false, what);
   const Json* const given = r.any("base");
   if (!given) return {};
   Reader own(*given, r.pointer("base"));
@@ -64,9 +64,10 @@ clearance::Tool read_tool(const Robot& robot, Reader& r, const std::string& name
 std::vector<clearance::Tool> read_tools(const Robot& robot, Reader& r, const Context& context,
                                         std::vector<std::string>& notes) {
   std::vector<clearance::Tool> tools;
-  r.declare("tools",
-            schemas::array_of(Reader::schema_of([&](Reader& own) { (void)read_tool(robot, own, "", context, notes); })), false,
-            "what it carries");
+  if (r.describes())
+    r.declare("tools",
+              schemas::array_of(Reader::schema_of([&](Reader& own) { (void)read_tool(robot, own, "", context, notes); })),
+              false, "what it carries");
   const Json* const given = r.any("tools");
   if (given && (!given->is_array() || given->size() > kMostTools))
     throw RequestError(r.pointer("tools"), "is no array of at most " + std::to_string(kMostTools) + " tools");
@@ -96,8 +97,9 @@ std::pair<std::string, clearance::Motion> read_other(const Robot& robot, Reader&
   std::string name = r.text("name", robot.name, "in names of links, name/link; without it that of the robot");
   X_WB = read_base(r, "where its base stands");
   clearance::Motion motion;
-  r.declare("series", Reader::schema_of([&](Reader& own) { (void)read_series(robot, own); }), false,
-            "its motion; t_s counts from the beginning of the move");
+  if (r.describes())
+    r.declare("series", Reader::schema_of([&](Reader& own) { (void)read_series(robot, own); }), false,
+              "its motion; t_s counts from the beginning of the move");
   if (const Json* const given = r.any("series")) {
     Reader series(*given, r.pointer("series"));
     motion.path = read_series(robot, series);
@@ -128,14 +130,15 @@ std::optional<ClearOf> ClearOf::read(const Robot& robot, Reader& r, const Contex
     options.ignore = own.texts("ignore", {}, "pairs of links and bodies that do not count: link_5:table");
     const Pose X_WB = read_base(own, "where the base of the robot stands");
     std::vector<clearance::Tool> tools = read_tools(robot, own, context, clear.notes_);
-    own.declare("robots", schemas::array_of(Reader::schema_of([](Reader& other) {
-                  other.declare("robot", schemas::kText, true, "name of a robot");
-                  Pose unused;
-                  (void)read_other({}, other, unused);
-                  std::vector<std::string> none;
-                  (void)read_tools({}, other, {}, none);
-                })),
-                false, "other robots");
+    if (own.describes())
+      own.declare("robots", schemas::array_of(Reader::schema_of([](Reader& other) {
+                    other.declare("robot", schemas::kText, true, "name of a robot");
+                    Pose unused;
+                    (void)read_other({}, other, unused);
+                    std::vector<std::string> none;
+                    (void)read_tools({}, other, {}, none);
+                  })),
+                  false, "other robots");
     const Json* const robots = own.any("robots");
     if (own.describes()) return;
     if (scene.empty() && !robots && !options.self)
@@ -197,7 +200,7 @@ std::optional<ClearOf> ClearOf::read(const Robot& robot, Reader& r, const Contex
     const std::vector<std::string>& notes = clear.checker_->notes();
     clear.notes_.insert(clear.notes_.end(), notes.begin(), notes.end());
   };
-  r.declare("clear_of", Reader::schema_of(read), false, "what the motion keeps clear of");
+  if (r.describes()) r.declare("clear_of", Reader::schema_of(read), false, "what the motion keeps clear of");
   const Json* const given = r.any("clear_of");
   if (!given) return {};
   Reader own(*given, r.pointer("clear_of"));

@@ -291,11 +291,13 @@ MoveRequest read_move(const Robot& robot, Reader& r, const Context& context, con
   MoveRequest m;
   const JointUnits units(robot.model);
   if (takes.paths) {
-    r.declare("series", Reader::schema_of([&](Reader& own) { (void)read_series(robot, own); }), false,
-              "a motion of any kind in place of the move");
-    r.declare("waypoints", Reader::schema_of([&](Reader& own) { (void)read_waypoints(robot, own); }), false,
-              "a motion through points in place of the move");
-    r.or_instead({"series", "waypoints"});
+    if (r.describes()) {
+      r.declare("series", Reader::schema_of([&](Reader& own) { (void)read_series(robot, own); }), false,
+                "a motion of any kind in place of the move");
+      r.declare("waypoints", Reader::schema_of([&](Reader& own) { (void)read_waypoints(robot, own); }), false,
+                "a motion through points in place of the move");
+      r.or_instead({"series", "waypoints"});
+    }
     for (const char* kind : {"series", "waypoints"}) {
       const Json* const given = r.any(kind);
       if (!given) continue;

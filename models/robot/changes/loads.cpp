@@ -23,8 +23,11 @@ RobotModel loaded(const RobotModel& robot, const Loads& loads, double s) {
 }
 
 LoadedDynamics::LoadedDynamics(const RobotModel& robot, const Loads& loads) : wrench_(loads.wrench) {
-  phases_.push_back({0, Mechanism(loaded(robot, loads, 0))});
-  for (const double s : loads.breaks()) phases_.push_back({s, Mechanism(loaded(robot, loads, s))});
+  const auto add = [&](double s) {
+    phases_.push_back({s, loads.payloads.empty() ? Mechanism(robot) : Mechanism(loaded(robot, loads, s))});
+  };
+  add(0);
+  for (const double s : loads.breaks()) add(s);
 }
 
 LoadedDynamics::Scratch::Scratch(const LoadedDynamics& d)

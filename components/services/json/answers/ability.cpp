@@ -114,8 +114,9 @@ Json answer_reach(const Robot& robot, Reader& r, const Context& context) {
   constexpr double kNone = std::numeric_limits<double>::infinity();
   const std::vector<double> low = units.read_bounds(r, "q_min", 0, -kNone, "bound in place of the robot's, null: none"),
                             high = units.read_bounds(r, "q_max", 0, kNone, "bound in place of the robot's, null: none");
-  r.declare("poses", schemas::array_of(Reader::schema_of([](Reader& own) { (void)read_target(own, false); })), true,
-            "of the frame in the base");
+  if (r.describes())
+    r.declare("poses", schemas::array_of(Reader::schema_of([](Reader& own) { (void)read_target(own, false); })), true,
+              "of the frame in the base");
   if (r.describes()) return {};
   const std::size_t n = bounded.joints.size();
   for (std::size_t j = 0; j < n; ++j) {
