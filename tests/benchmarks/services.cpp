@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "components/services/json/json.h"
 #include "components/services/services.h"
 #include "models/clearance/clearance.h"
 #include "models/optimisation/search.h"
@@ -51,12 +52,19 @@ void feasibility_of_7() {
   services::Move move;
   move.from_q = p.ends.q_from;
   move.to_q = p.ends.q_to;
-  for (const double T : {2.0, 0.0}) {
-    move.T = T;
-    benchmark::print({std::string("feasibility, ") + (T > 0 ? "duration given" : "shortest duration") + ", 7 joints, one core",
-                      "s", seconds_of([&] { benchmark::keep(services::plan(p.robot, move).solution.T); }), "none", 0, 0,
-                      false});
-  }
+  benchmark::print({"feasibility, shortest duration, 7 joints, one core", "s",
+                    seconds_of([&] { benchmark::keep(services::plan(p.robot, move).solution.T); }), "none", 0, 0, false});
+  services::Robots robots({std::string(cotwin::places::source()) + "/models/robots"});
+  const std::string request =
+      R"({"service":"feasibility","robot":"lwr4","T_s":2,"from_q_rad":[0,0.5,0,-1,0,0.6,0],"to_q_rad":[1.2,-0.2,0.4,0.7,-0.5,-0.3,0.8])";
+  const std::string loads =
+      R"(,"payload":{"mass_kg":3,"com_m":[0,0,0.1],"from_share":0.3,"to_share":0.8},"wrench":{"force_N":[1,2,-20],"from_share":0.4,)"
+      R"("to_share":0.6},"dq_from_rad_per_s":[0.1,0.1,0.1,0.1,0.1,0.1,0.1])";
+  const auto seconds = [&](const std::string& text) {
+    return seconds_of([&] { benchmark::keep(services::answer(robots, text).size()); });
+  };
+  benchmark::print({"request of feasibility with payload, wrench and ends in motion, 7 joints", "s",
+                    seconds(request + loads + "}"), "without them", seconds(request + "}"), 2});
 }
 
 void chain_of_30() {

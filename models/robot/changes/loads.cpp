@@ -23,15 +23,23 @@ RobotModel loaded(const RobotModel& robot, const Loads& loads, double s) {
 }
 
 LoadedDynamics::LoadedDynamics(const RobotModel& robot, const Loads& loads) : wrench_(loads.wrench) {
-  const auto add = [&](double s) {
-    phases_.push_back({s, loads.payloads.empty() ? Mechanism(robot) : Mechanism(loaded(robot, loads, s))});
-  };
-  add(0);
-  for (const double s : loads.breaks()) add(s);
+  std::vector<std::vector<bool>> carried;  // of each mechanism
+  std::vector<double> begins = loads.breaks();
+  begins.insert(begins.begin(), 0);
+  for (const double s : begins) {
+    std::vector<bool> own;
+    for (const Payload& payload : loads.payloads) own.push_back(payload.when.has(s));
+    const auto same = std::ranges::find(carried, own);
+    phases_.push_back({s, static_cast<std::size_t>(same - carried.begin())});
+    if (same != carried.end()) continue;
+    const bool none = std::ranges::find(own, true) == own.end();
+    mechanisms_.push_back(none ? Mechanism(robot) : Mechanism(loaded(robot, loads, s)));
+    carried.push_back(std::move(own));
+  }
 }
 
 LoadedDynamics::Scratch::Scratch(const LoadedDynamics& d)
-    : data(d.phases_.front().mechanism), q(d.phases_.front().mechanism.n()), tau(q), J(6, q.size()) {}
+    : data(d.mechanisms_.front()), q(d.mechanisms_.front().n()), tau(q), J(6, q.size()) {}
 
 std::vector<double> LoadedDynamics::begins() const {
   std::vector<double> all;
@@ -61,7 +69,7 @@ void LoadedDynamics::inverse_dynamics(Scratch& scratch, std::size_t count, const
     const std::size_t own = phase(s[first]);
     while (last < count && phase(s[last]) == own) ++last;
     const std::size_t part = last - first;
-    const Mechanism& mechanism = phases_[own].mechanism;
+    const Mechanism& mechanism = mechanisms_[phases_[own].mechanism];
     if (part == count) {
       inverse_dynamics_batch(mechanism, scratch.data, count, q, dq, ddq, tau);
       break;

@@ -56,7 +56,7 @@ class LoadedDynamics {
     std::vector<double> run;  // of states of one phase
   };
 
-  const Mechanism& mechanism(double s) const { return phases_[phase(s)].mechanism; }
+  const Mechanism& mechanism(double s) const { return mechanisms_[phases_[phase(s)].mechanism]; }
   /// Shares at which the phases begin, the first one at 0; between them the loads do not change.
   std::vector<double> begins() const;
   /// inverse_dynamics_batch() of states at the ascending shares s. Allocates nothing where all states are in one phase.
@@ -70,10 +70,11 @@ class LoadedDynamics {
  private:
   struct Phase {
     double begin;
-    Mechanism mechanism;
+    std::size_t mechanism;
   };
   std::size_t phase(double s) const;
 
+  std::vector<Mechanism> mechanisms_;  // of the robot with each set of payloads that it carries
   std::vector<Phase> phases_;
   std::optional<ExternalWrench> wrench_;
 };
