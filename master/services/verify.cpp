@@ -36,7 +36,7 @@ double sum(std::span<const double> x) { return std::accumulate(x.begin(), x.end(
 
 /// The loads of the move in the twin. What the robot carries changes the bodies of drive train and controller, as tools do
 /// (master/engine/tools.h), but what it carries from the beginning is there before the twin finds its equilibrium. The wrench pushes
-/// the links; the controller does not know it.
+/// the links, and the controller, which does not yield, bears it as the plan does.
 class TwinLoads {
  public:
   TwinLoads(std::span<const Member> members, const robot::RobotModel& robot, const services::Move& move)
@@ -44,6 +44,7 @@ class TwinLoads {
     if (move.loads.none()) return;
     q_ = reals(members, "drive.q");
     tau_e_ = reals(members, "drive.tau_e");
+    known_ = reals(members, "compliance.tau_e");
     tool_changes_ = reals(members, "drive.tool_changes");
     for (const double begin : begins_) added_.push_back(difference(robot, robot::loaded(robot, move.loads, begin)));
     for (const char* unit : {"drive.", "compliance."}) {
@@ -65,7 +66,7 @@ class TwinLoads {
       carry(phase_ + 1);
       tool_changes_.front() += 1;
     }
-    push(now <= move_.T ? s : 2, q_);
+    push(now, q_);
     return true;
   }
 
@@ -90,13 +91,17 @@ class TwinLoads {
           bodies.values[part][i] = bodies.empty[part][i] +
                                    added_[phase][i / kSizes[part]][static_cast<Eigen::Index>(kFirst[part] + i % kSizes[part])];
   }
-  /// `s`: share of the motion; more than 1: after it.
-  void push(double s, std::span<const double> q) {
+  /// At `now`, s. The controller follows within the time in which it follows payloads.
+  void push(double now, std::span<const double> q) {
     if (!move_.loads.wrench) return;
-    std::ranges::fill(tau_e_, 0.0);
-    if (s > 1) return;
-    std::ranges::copy(dynamics_.wrench_torque(scratch_, s, Eigen::Map<const Eigen::VectorXd>(q.data(), scratch_.q.size())),
-                      tau_e_.begin());
+    constexpr double kTransition = 0.05;  // s
+    const double share = now > 0 ? 1 - std::exp(-kTick / kTransition) : 1;
+    const Eigen::VectorXd& tau = dynamics_.wrench_torque(scratch_, std::min(now / move_.T, 1.0),
+                                                         Eigen::Map<const Eigen::VectorXd>(q.data(), scratch_.q.size()));
+    for (std::size_t j = 0; j < tau_e_.size(); ++j) {
+      tau_e_[j] = now <= move_.T ? tau[static_cast<Eigen::Index>(j)] : 0;
+      known_[j] += share * (tau_e_[j] - known_[j]);
+    }
   }
 
   const services::Move& move_;
@@ -106,7 +111,7 @@ class TwinLoads {
   std::size_t phase_ = 0;
   std::vector<Parameters> added_;  // of each phase
   std::vector<Bodies> bodies_;
-  std::span<double> q_, tau_e_, tool_changes_;
+  std::span<double> q_, tau_e_, known_, tool_changes_;
 };
 
 /// What is read from the running twin.
@@ -234,6 +239,7 @@ Scenario scenario_of(const services::Robot& robot, const RobotFolder& folder, co
     for (const auto& [name, values] : {std::pair{"K", &d.K}, {"B", &d.B}, {"sigma2", &d.sigma2}, {"tau_C", &d.tau_C}})
       controller.emplace_back(name, text::joined(*values));
   }
+  if (move.loads.wrench) controller.insert(controller.end(), {{"S_a", "1e12"}, {"M_a", "1e9"}});
   add("compliance", "unit:compliance", controller);
   add("drive", source, drive);
   connect("motion", "compliance", {"q_d", "dq_d", "ddq_d"});
@@ -339,7 +345,7 @@ Verification verify(std::span<const UnitType> types, const std::vector<fs::path>
     master.initialise();
     Verification v = watched(master, loads, robot.energy.has_value(), T, options);
     v.notes.insert(v.notes.begin(), drives_note(robot, timed.drives, options.rigid, wanted.rigid));
-    if (timed.loads.wrench) v.notes.emplace_back("the controller of the twin does not know the wrench");
+    if (timed.loads.wrench) v.notes.emplace_back("the controller of the twin knows the wrench, and does not yield to it");
     compare(robot, rigid, options, v);
     return v;
   } catch (const Error& e) {

@@ -9,7 +9,7 @@
 /// What acts on a robot during a motion beside its own weight: parts that it carries, and a wrench at one of its frames.
 namespace cotwin::robot {
 
-/// A part of a motion, in shares s = t/T of its duration: from ≤ s < to, and with to = 1 also the end.
+/// A part of a motion, in shares s = t/T of its duration, 0 to 1: from ≤ s < to, and with to = 1 also the end.
 struct Interval {
   double from = 0, to = 1;
   bool has(double s) const { return s >= from && (s < to || to >= 1); }

@@ -99,19 +99,28 @@ TEST(Payload, IsAToolInTheUrdf) {
       if (const std::string text = testing::content(robots_folder() + "/" + name + "/" + file); !text.empty())
         folder.write(std::string(name) + "/" + file, text);
     folder.write(std::string(name) + "/robot.urdf", urdf);
-    Robots with({folder.path()}), without({robots_folder()});
+    Robots with({folder.path()}, "", false, places::source() + "/models/people/iso_ts_15066.csv"), without({robots_folder()});
     std::mt19937 random(7);
     Move m = random_move(plain, random, 1.7);
-    for (const char* service : {"torques", "energy", "feasibility", "peak_power"}) {
+    for (const std::string service : {"torques", "energy", "feasibility", "peak_power", "safety", "reaction"}) {
       json request{{"service", service}, {"robot", name}, {"from_q_rad", m.from_q},
                    {"to_q_rad", m.to_q}, {"T_s", 1.7},    {"detail", "all"}};
+      if (service == "reaction") request["base"] = {{"mass_kg", 100}, {"inertia_kg_m2", {9, 0, 0, 9, 0, 9}}};
+      if (service == "safety") request["frame"] = plain.end_effector().name;
       const json expected = ask(with, request);
       request["payload"] = {{"frame", plain.end_effector().name},
                             {"p_m", {0.1, 0, 0.05}},
                             {"mass_kg", 2.5},
                             {"com_m", {0.02, -0.01, 0.15}},
                             {"inertia_kg_m2", {0.02, 0.001, 0, 0.03, -0.002, 0.025}}};
-      EXPECT_EQ(difference(ask(without, request), expected, 1e-12), "") << name << " " << service;
+      json found = ask(without, request);
+      if (service == "safety") {  // there the part is of the robot: M/2, here of the load: m_L
+        EXPECT_NEAR(found["iso_ts_15066"]["mass_kg"].get<double>(), expected["iso_ts_15066"]["mass_kg"].get<double>() + 1.25,
+                    1e-12);
+        EXPECT_EQ(difference(found["effective"], expected["effective"], 1e-9), "") << name;
+        continue;
+      }
+      EXPECT_EQ(difference(found, expected, service == "reaction" ? 1e-9 : 1e-12), "") << name << " " << service;
     }
   }
 }
