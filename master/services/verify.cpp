@@ -62,8 +62,9 @@ class TwinLoads {
   bool apply(double now) {
     if (move_.loads.none()) return false;
     const double s = std::min(now / move_.T, 1.0);
-    if (phase_ + 1 < begins_.size() && s >= begins_[phase_ + 1]) {
-      carry(phase_ + 1);
+    const auto next = static_cast<std::size_t>(std::ranges::upper_bound(begins_, s) - begins_.begin()) - 1;
+    if (next != phase_) {
+      carry(next);
       tool_changes_.front() += 1;
     }
     push(now, q_);

@@ -132,8 +132,10 @@ robot::Interval read_interval(Reader& r) {
 void read_loads(const Robot& robot, Reader& r, const Context& context, const Takes& takes, MoveRequest& m) {
   if (r.describes()) {
     const Json one = Reader::schema_of([&](Reader& own) { (void)read_payload({}, "", own, "", context, takes, m); });
-    r.declare("payload", {{"anyOf", {one, {{"type", "array"}, {"items", one}, {"maxItems", kMostPayloads}}}}}, false,
-              "what the robot carries: mass_kg or tool; or several, which may be mounted on earlier ones");
+    const Json all{{"anyOf", {one, schemas::kText}}};
+    r.declare("payload", {{"anyOf", {one, schemas::kText, {{"type", "array"}, {"items", all}, {"maxItems", kMostPayloads}}}}},
+              false,
+              "what the robot carries: mass_kg or tool, the name of a tool, or several, which may be mounted on earlier ones");
     if (takes.wrench)
       r.declare("wrench", Reader::schema_of([&](Reader& own) { (void)read_wrench("", own); }), false, "what pushes the robot");
     return;
@@ -149,7 +151,9 @@ void read_loads(const Robot& robot, Reader& r, const Context& context, const Tak
     if (count == 0 || count > kMostPayloads)
       throw RequestError(place, "has " + std::to_string(count) + " payloads, expected 1 to " + std::to_string(kMostPayloads));
     for (std::size_t k = 0; k < count; ++k) {
-      Reader own(several ? (*given)[k] : *given, several ? place + "/" + std::to_string(k) : place);
+      const Json& one = several ? (*given)[k] : *given;
+      const Json named{{"tool", one}};
+      Reader own(one.is_string() ? named : one, several ? place + "/" + std::to_string(k) : place);
       m.loads.payloads.push_back(
           read_payload(carrying, end_effector("payload"), own, "payload_" + std::to_string(k + 1), context, takes, m));
       try {

@@ -140,7 +140,9 @@ TEST(Payload, MayBeAToolByNameAndCarryAnotherOne) {
   on_tcp["frame"] = "tcp";
   at_place["p_m"] = {0, 0, 0.12};
   const json hand{{"mass_kg", 0.8}, {"com_m", {0, 0, 0.05}}, {"inertia_kg_m2", {1e-3, 0, 0, 1e-3, 0, 6e-4}}};
-  const json by_name = ask(robots, lwr("torques", {{"payload", {{{"tool", "gripper"}}, on_tcp}}, {"detail", "all"}}));
+  const json by_name = ask(robots, lwr("torques", {{"payload", {"gripper", on_tcp}}, {"detail", "all"}}));
+  EXPECT_EQ(ask(robots, lwr("torques", {{"payload", "gripper"}})),
+            ask(robots, lwr("torques", {{"payload", {{"tool", "gripper"}}}})));
   const json by_numbers = ask(robots, lwr("torques", {{"payload", {hand, at_place}}, {"detail", "all"}}));
   EXPECT_EQ(difference(by_name, by_numbers, 1e-12), "");
   EXPECT_NE(difference(by_name, ask(robots, lwr("torques", {{"payload", hand}, {"detail", "all"}})), 1e-3), "");

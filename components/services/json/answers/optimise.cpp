@@ -366,6 +366,7 @@ Json answer_optimise(const Robot& robot, Reader& r, const Context& context) {
     throw RequestError("/cost", "is cycle_time or stiffness, but no compliance is searched, expected compliance with axes");
   read_contact(robot, r, p);
   refuse_unused(robot, r, rule, verify);
+  r.only_if(r.describes() || p.ends.at_rest_at_end(), "settle_s", "a move that ends at rest");
   std::optional<ClearOf> clear = ClearOf::read(robot, r, context, m.carried);
   if (r.describes()) return {};
   if (clear && lexicographic) throw RequestError("/rule", "is lexicographic beside clear_of, expected weighted or pareto");
