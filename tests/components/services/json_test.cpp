@@ -765,12 +765,19 @@ TEST(ServiceRequests, AreRefusedWithAPointerAndNeverCrash) {
     expect({{name, json::array()}}, (std::string("/") + name + ": is empty").c_str(), "throughput");
   const std::string good = lwr_move("feasibility").dump();
   EXPECT_THAT(refusal(robots, good.substr(0, good.size() - 1) + ",\"robot\":\"lwr4\"}"), HasSubstr("twice"));
+  json loads = lwr_move("torques");
+  loads.update({{"payload", {{{"mass_kg", 1}, {"com_m", {0, 0, 0.1}}, {"to_share", 0.5}}, {{"tool", "gripper"}}}},
+                {"wrench", {{"force_N", {1, 2, 3}}, {"axes", "frame"}}}});
+  json path{{"service", "energy"},
+            {"robot", "planar2"},
+            {"series", {{"t_s", {0, 0.1, 0.2}}, {"q_rad", {{0, 0}, {0.1, 0}, {0.1, 0.1}}}}}};
   std::mt19937 random(7);
-  for (int i = 0; i < 1000; ++i) {
-    std::string damaged = good;
-    for (int k = 0; k < 3; ++k) damaged[random() % damaged.size()] = static_cast<char>(random());
-    refusal(robots, damaged);
-  }
+  for (const std::string& whole : {good, loads.dump(), path.dump()})
+    for (int i = 0; i < 700; ++i) {
+      std::string damaged = whole;
+      for (int k = 0; k < 3; ++k) damaged[random() % damaged.size()] = static_cast<char>(random());
+      refusal(robots, damaged);
+    }
 }
 
 TEST(ServiceRequests, AreCheckedWithoutAnAnswer) {
