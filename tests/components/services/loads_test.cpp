@@ -229,6 +229,19 @@ TEST(Loads, BalanceTheBooksOfEnergy) {
     }
 }
 
+// A payload that is carried to the end is held while the robot waits; a wrench ends with the motion.
+TEST(Loads, CountInTheWaitOnlyIfTheyAreStillCarried) {
+  Robots robots({robots_folder()});
+  const auto waiting = [&](json more) {
+    more["cycle_s"] = 4;
+    return ask(robots, lwr("energy", more))["waiting"]["energy_J"].get<double>();
+  };
+  const double empty = waiting(json::object());
+  EXPECT_GT(waiting({{"payload", {{"mass_kg", 5}}}}), empty + 0.1);
+  EXPECT_EQ(waiting({{"payload", {{"mass_kg", 5}, {"to_share", 0.9}}}}), empty);
+  EXPECT_EQ(waiting({{"wrench", {{"force_N", {0, 0, -50}}}}}), empty);
+}
+
 // The shortest duration is that at whose torques a bound is met, also where the load makes it.
 TEST(Loads, LengthenTheShortestDuration) {
   Robots robots({robots_folder()});

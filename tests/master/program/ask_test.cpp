@@ -649,6 +649,50 @@ TEST(Verify, CarriesPayloadsAndIsPushed) {
   EXPECT_EQ(twin_of(*robots.find("lwr4"), move, 2).work, pushed.work);
 }
 
+// The written parameters make unit:motion run what the reply tells, with its speeds and accelerations at the ends.
+TEST(AskCommand, WritesEndsInMotionForUnitMotion) {
+  const cotwin::testing::TemporaryFolder folder("ends");
+  const auto asked = run_program(
+      {"ask", "feasibility", "--robot", "lwr4", "--from", "0,0.5,0,-1,0,0.6,0", "--to", "1.2,-0.2,0.4,0.7,-0.5,-0.3,0.8",
+       "--duration", "2", "--detail", "series", "--motion", folder / "move.ssv", "--with",
+       R"({"samples": 41, "dq_from_rad_per_s": [0.3,0,0,-0.2,0,0,0.1], "dq_to_rad_per_s": [0.1,0,0.2,0,0,0,0],
+                                      "ddq_from_rad_per_s2": [0,1,0,0,0,0,0], "ddq_to_rad_per_s2": [0,0,0,0,0,0,-0.5]})"});
+  ASSERT_EQ(asked.code, 0) << asked.err;
+  folder.write(
+      "move.ssd",
+      R"(<ssd:SystemStructureDescription version="1.0" name="move" xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription">
+    <ssd:System name="move"><ssd:Elements><ssd:Component name="motion" source="unit:motion?kind=polynomial&amp;robot=lwr4" type="application/x-cotwin-unit">
+    <ssd:ParameterBindings><ssd:ParameterBinding source="move.ssv"/></ssd:ParameterBindings></ssd:Component></ssd:Elements></ssd:System>
+    <ssd:DefaultExperiment startTime="0" stopTime="2"/></ssd:SystemStructureDescription>)");
+  const auto run = run_program({"run", folder / "move.ssd", "--out", folder / "out", "--set", "motion.limits=ignore",
+                                "--record", "motion.*", "--quiet"});
+  ASSERT_EQ(run.code, 0) << run.err;
+  std::istringstream rows(cotwin::testing::content(folder / "out/signals.csv"));
+  const auto cells = [&rows] {
+    std::vector<std::string> all;
+    std::string row, cell;
+    std::getline(rows, row);
+    for (std::istringstream in(row); std::getline(in, cell, ',');) all.push_back(cell);
+    return all;
+  };
+  const std::vector<std::string> names = cells();
+  const auto column = [&](const std::string& name, std::size_t joint) {
+    return static_cast<std::size_t>(std::ranges::find(names, "motion." + name + "[" + std::to_string(joint + 1) + "]") -
+                                    names.begin());
+  };
+  const json series = json::parse(asked.out)["series"];
+  std::size_t compared = 0;
+  for (std::vector<std::string> row = cells(); row.size() == names.size(); row = cells())
+    for (std::size_t k = 0; k < 40; ++k)  // after the end it rests
+      for (std::size_t j = 0; std::abs(series["t_s"][k].get<double>() - std::stod(row[0])) < 1e-9 && j < 7; ++j) {
+        EXPECT_NEAR(std::stod(row.at(column("q_d", j))), series["joints"][j]["q_rad"][k].get<double>(), 1e-9) << row[0];
+        EXPECT_NEAR(std::stod(row.at(column("dq_d", j))), series["joints"][j]["dq_rad_per_s"][k].get<double>(), 1e-9);
+        EXPECT_NEAR(std::stod(row.at(column("ddq_d", j))), series["joints"][j]["ddq_rad_per_s2"][k].get<double>(), 1e-8);
+        ++compared;
+      }
+  EXPECT_EQ(compared, 280U);
+}
+
 TEST(Verify, BeginsAndEndsInMotion) {
   Robots robots({robots_folder()});
   cotwin::services::Move move;
