@@ -172,7 +172,7 @@ void drive(Bytes bytes) {
   Master master(std::move(setup), 1'000'000, 20'000'000, {});
   cotwin::io::Command command(1);
   for (int n = 0; n < 3; ++n) {
-    drives.write(master, command, 1e-3, acknowledgement);
+    drives.write(master, n * 1'000'000, command, 1e-3, acknowledgement);
     drives.wait(1e-3, 0.02);
     drives.read(master);
   }
