@@ -2,17 +2,15 @@
 #include <array>
 #include <cstdint>
 #include <memory>
-#include <span>
 #include <string>
-#include <utility>
 #include <vector>
 
-#include "components/monitor/separation.h"
+#include "components/monitor/parts.h"
 #include "components/unit/event_ports.h"
 #include "components/unit/settings.h"
 #include "components/unit/unit.h"
-#include "models/distance/distance.h"
-#include "models/scene/cell.h"
+#include "models/collision/cell/cell.h"
+#include "models/collision/meeting/sweep.h"
 
 namespace cotwin::monitor {
 
@@ -21,7 +19,7 @@ namespace cotwin::monitor {
 /// their motions (separation.h).
 ///
 /// Shapes of robots are inflated by r, so that the distance of a robot's link from a body is d − r, and of two robots' links d − 2 r; links of one
-/// robot are not inflated towards each other. No pairs are: static bodies, neighbours in a robot, those that the scene or `ignore` excludes.
+/// robot are not inflated towards each other. The pairs are those of models/collision/cell.
 ///   ḋ = nᵀ (v_b − v_a) at the nearest points        time_to_contact = −d / ḋ
 /// least_distance: the least one since the last step, with joints (and positions of bodies) linear in between, and orientations at constant angular
 /// velocity. Between two instants the distance changes at most by the way that a point of the pair can move, so that no thin plate is passed: the
@@ -31,10 +29,9 @@ class Monitor final : public Unit {
   static void declare_settings(SettingList& s);
   /// Throws Error for a robot without shapes, for shapes whose distance is not measured, and for unknown names in `ignore` and `obstacles`.
   explicit Monitor(Settings& settings);
-  ~Monitor() override;
 
   void declare(Variables& v) override;
-  /// Throws Error for poses that are none.
+  /// Throws Error for quaternions whose length is not 1.
   void initialise(Time start) override;
   /// Throws Error if an input is not finite.
   StepResult step(Time now, Duration h) override;
@@ -42,71 +39,57 @@ class Monitor final : public Unit {
   void append_notes(std::vector<std::string>& notes) const override;
 
  private:
-  using Values = std::vector<double>;
-  struct Ports;
-  struct Part;
-  struct Robot;
-  struct Body;
-  struct Pair;
-  /// The nearest pair of a group of pairs.
-  struct Nearest {
-    distance::Distance way;  // d with inflation
-    std::size_t pair = 0;
-  };
-
-  std::vector<Body*> bodies_of(const std::string& setting, const std::string& names) const;
+  std::vector<std::size_t> bodies_of(const std::string& setting, const std::string& names) const;
+  void add_parts(Settings& settings);
   void add_obstacles(const std::string& names);
-  void add_pairs(const std::string& ignored);
   void add_separation(Settings& settings);
-  std::size_t part(const std::string& name, const std::string& ignored) const;
   void declare_ports(Variables& v, Ports& ports, const std::string& prefix, const std::string& of);
   void declare_separation(Variables& v);
   void check_inputs(Time now) const;
   void place_static();
   void place(Time now);
-  void place_obstacle(Body& body);
+  void place_obstacle(std::size_t part);
   void measure();
   void measure(std::size_t pair);
   void remember();
   void write_outputs();
-  void write(const Nearest& nearest, int robot, Ports& ports) const;
-  Eigen::Vector3d velocity(const Part& part, const Eigen::Vector3d& p_W) const;
+  void write(std::size_t group, int robot, Ports& ports) const;
+  Twist twist_of(std::size_t part) const;
+  double speed_of(std::size_t part) const;
 
   // separation.cpp
-  double speed_of(const Part& part) const;
   void keep_separation(double t, double h);
 
   // sweep.cpp: least_distance
   void find_motions();
   void sweep();
-  double least_distance(const Pair& pair, double last, double motion, double most);
-  double motion(const Part& part) const;
-  Pose pose_at(const Part& part, double share);
+  double motion(std::size_t part) const;
+  Pose pose_at(std::size_t part, double share);
 
   /// Groups of pairs: 2 i with others of robot i, 2 i + 1 of links of robot i.
   std::size_t groups() const { return 2 * robots_.size(); }
-  double inflation(const Pair& pair) const;
+  std::array<std::size_t, 2> groups_of(const collision::Pair& pair) const;
+  double inflation(const collision::Pair& pair) const;
+  Robot& robot_of(const collision::Part& part) const { return *robots_[static_cast<std::size_t>(part.robot)]; }
 
   std::string place_;  // for messages
-  scene::Cell cell_;
+  scene::Cell given_;
   bool floating_, separates_;
+  collision::Cell cell_;  // its first parts are bodies_
   std::vector<std::unique_ptr<Robot>> robots_;
   std::vector<std::unique_ptr<Body>> bodies_;
-  std::vector<std::unique_ptr<Part>> parts_;  // bodies of the scene, then base and links of each robot
-  std::vector<Pair> pairs_;
   double r_ = 0;  // tunable
-  std::unique_ptr<Ports> all_;
+  Ports all_;
   SeparationFigures figures_;
   EventPorts events_;
 
-  std::vector<Nearest> nearest_;  // by group
-  Values least_;                  // by group
-  std::vector<double> bounds_;    // by pair: lower bounds of their distances
-  distance::Finder finder_;
-  struct Interval {
-    double from, to, d_from, d_to;
-  };
-  std::vector<Interval> intervals_;
+  std::vector<collision::Distance> nearest_;  // by group, with inflation
+  std::vector<std::size_t> nearest_pairs_;    // by group
+  Values least_;                              // by group
+  Values bounds_;                             // by pair: lower bounds of their distances
+  Values motions_;                            // by part: largest way of a point since the last step, m
+  std::vector<char> jumped_;  // by part: it is elsewhere or of another shape than in the last step, without a motion
+  std::vector<collision::Interval> intervals_;
 };
 
 }  // namespace cotwin::monitor

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <utility>
 
-#include "components/monitor/parts.h"
+#include "components/monitor/monitor.h"
 
 namespace cotwin::monitor {
 
@@ -91,43 +91,42 @@ void Separation::append_note(const std::string& robot, const std::vector<std::st
 
 void Monitor::add_separation(Settings& settings) {
   const std::string names = settings.text("separation");
-  std::vector<char> counts(parts_.size(), 0);
+  std::vector<char> counts(bodies_.size(), 0);
   if (names == "all") {
-    for (const auto& body : bodies_) counts[body->part] = parts_[body->part]->moves;
+    for (std::size_t k = 0; k < bodies_.size(); ++k) counts[k] = cell_.parts[k].moves;
   } else {
-    for (const Body* body : bodies_of("separation", names)) {
-      const Part& part = *parts_[body->part];
-      if (!part.moves)
-        throw Error(place_,
-                    "separation=" + names + ": '" + part.name + "' stands, expected bodies that move or are in obstacles");
-      counts[body->part] = 1;
+    for (const std::size_t k : bodies_of("separation", names)) {
+      if (!cell_.parts[k].moves)
+        throw Error("separation=" + names,
+                    "'" + cell_.parts[k].name + "' stands, expected bodies that move or are in obstacles");
+      counts[k] = 1;
     }
   }
   if (std::ranges::count(counts, 1) == 0)
     settings.warn("separation=" + names + ", but no body of the scene moves or is in obstacles, so speed stays 1");
-  for (const auto& robot : robots_) {
-    Robot& r = *robot;
+  for (std::size_t i = 0; i < robots_.size(); ++i) {
+    Robot& r = *robots_[i];
     const robot::RobotModel& model = r.placed->model;
     double fastest = 0;
-    for (std::size_t i = 0; i < model.bodies.size(); ++i) {
-      double reach = parts_[r.first + i + 1]->solid.reach();
-      for (int link = static_cast<int>(i); link >= 0; link = model.joint_of(link).parent) {
-        const robot::Joint& joint = model.joint_of(link);
-        const bool turns = joint.type == robot::JointType::kRevolute;
-        if (joint.dq_max < scene::kInfinity) fastest = std::max(fastest, joint.dq_max * (turns ? reach : 1));
-        reach += joint.X_PJ.p.norm();
-        if (!turns && joint.q_max - joint.q_min < scene::kInfinity)
-          reach += std::max(std::abs(joint.q_min), std::abs(joint.q_max));
-      }
+    for (const collision::Part& part : cell_.of(static_cast<int>(i))) {
+      (void)collision::for_each_lever(
+          model, part.link, -1, part.body.reach(),
+          [](std::size_t, const robot::Joint& joint) {
+            const double farthest = std::max(std::abs(joint.q_min), std::abs(joint.q_max));
+            return farthest < scene::kInfinity ? farthest : 0;
+          },
+          [&](std::size_t, const robot::Joint& joint, double lever) {
+            if (joint.dq_max < scene::kInfinity) fastest = std::max(fastest, joint.dq_max * lever);
+          });
     }
     if (fastest == 0)
       settings.warn("robot '" + model.name + "' has no limits of speed, so " + r.prefix +
                     "a_r starts at 0: set it to how fast the robot may speed up");
     r.separation = std::make_unique<Separation>(model.bodies.size() + 1, fastest / kStopping);
-    r.speeds.resize(model.bodies.size() + 1);
-    for (std::size_t k = 0; k < pairs_.size(); ++k) {
-      const auto owner = static_cast<std::size_t>(parts_[pairs_[k].b]->robot);
-      if (counts[pairs_[k].a] != 0 && robots_[owner] == robot) r.kept.push_back({k});
+    for (std::size_t k = 0; k < cell_.pairs.size(); ++k) {
+      const collision::Pair& pair = cell_.pairs[k];
+      if (pair.a < counts.size() && counts[pair.a] != 0 && cell_.parts[pair.b].robot == static_cast<int>(i))
+        r.kept.push_back({k});
     }
   }
 }
@@ -135,46 +134,39 @@ void Monitor::add_separation(Settings& settings) {
 void Monitor::append_notes(std::vector<std::string>& notes) const {
   if (!separates_) return;
   std::vector<std::string> names;
-  for (const auto& part : parts_) names.push_back(part->name);
+  for (const collision::Part& part : cell_.parts) names.push_back(part.name);
   for (const auto& robot : robots_)
     robot->separation->append_note(robot->placed->name.empty() ? robot->placed->model.name : robot->placed->name, names, notes);
 }
 
-/// The speed of its fastest point.
-double Monitor::speed_of(const Part& part) const {
-  const double w = part.V_W.tail<3>().norm();
-  return velocity(part, part.middle).norm() + (w > 0 ? w * part.solid.radius() : 0);
-}
-
 /// From all bodies that move or come.
 void Monitor::keep_separation(double t, double h) {
-  all_->zone = 0;
-  all_->speed = 1;
-  all_->separation = kNone;
-  all_->S_p = 0;
+  all_.zone = 0;
+  all_.speed = 1;
+  all_.separation = kNone;
+  all_.S_p = 0;
   for (const auto& robot : robots_) {
     Robot& r = *robot;
     Separation& separation = *r.separation;
-    for (std::size_t i = 0; i < r.speeds.size(); ++i) r.speeds[i] = speed_of(*parts_[r.first + i]);
+    for (std::size_t i = 0; i < r.speeds.size(); ++i) r.speeds[i] = speed_of(r.first + i);
     Separation::Nearest nearest{.margin = kNone};
     std::size_t best = r.kept.size();
     double ahead = kNone;
     const auto look = [&](std::size_t j) {
-      const Pair& pair = pairs_[r.kept[j].pair];
-      const Part &body = *parts_[pair.a], &link = *parts_[pair.b];
+      const collision::Pair& pair = cell_.pairs[r.kept[j].pair];
       double& bound = r.kept[j].bound;
-      bound = body.jumped || link.jumped ? -scene::kInfinity : bound - body.motion - link.motion;
-      if (!body.present) return;
+      const bool jumped = jumped_[pair.a] != 0 || jumped_[pair.b] != 0;
+      bound = jumped ? -scene::kInfinity : bound - motions_[pair.a] - motions_[pair.b];
+      if (!cell_.parts[pair.a].present) return;
       bound = std::max(bound, bounds_[r.kept[j].pair] + inflation(pair));
-      const double v_h = body.comes ? 0 : std::max(figures_.v_h, speed_of(body)), v_r = r.speeds[pair.b - r.first];
+      const double v_h = bodies_[pair.a]->comes ? 0 : std::max(figures_.v_h, speed_of(pair.a)),
+                   v_r = r.speeds[pair.b - r.first];
       const double S_p = separation.distance(figures_, h, v_h, v_r);
       const double S_ahead = separation.distance(figures_, h, v_h, separation.speed_ahead(figures_, pair.b - r.first, v_r));
       constexpr double kSlack = 1e-9;  // so that neither rounding nor what was measured before decides
       const double most = std::max(nearest.margin + S_p, ahead + S_ahead) + inflation(pair) + kSlack;
       if (bound > most) return;
-      bound = finder_.find(body.solid, body.X_W, link.solid, link.X_W, most).d;
-      const double d = bound - inflation(pair);
-      bound = std::min(bound, most);
+      const double d = cell_.distance(pair, most, bound).d - inflation(pair);
       if (d - S_p < nearest.margin || (d - S_p == nearest.margin && j < best)) {
         nearest = {d - S_p, S_p, pair.b, pair.a};
         best = j;
@@ -196,11 +188,11 @@ void Monitor::keep_separation(double t, double h) {
     r.ports.speed = separation.speed(figures_);
     r.ports.separation = nearest.margin;
     r.ports.S_p = nearest.S_p;
-    all_->zone = std::max(all_->zone, r.ports.zone);
-    all_->speed = std::min(all_->speed, r.ports.speed);
-    if (nearest.margin < all_->separation) {
-      all_->separation = nearest.margin;
-      all_->S_p = nearest.S_p;
+    all_.zone = std::max(all_.zone, r.ports.zone);
+    all_.speed = std::min(all_.speed, r.ports.speed);
+    if (nearest.margin < all_.separation) {
+      all_.separation = nearest.margin;
+      all_.S_p = nearest.S_p;
     }
   }
 }

@@ -1,5 +1,5 @@
 // Settings and variables of the monitor.
-#include "components/monitor/parts.h"
+#include "components/monitor/monitor.h"
 #include "components/unit/joint_variables.h"
 
 namespace cotwin::monitor {
@@ -48,7 +48,7 @@ void Monitor::declare_separation(Variables& v) {
         .discrete();
     v.output(x + "S_p", ports.S_p, "m", "protective separation distance of this pair (ISO/TS 15066, 5.5.4.2.3)").discrete();
   };
-  add(*all_, "", robots_.size() == 1 ? "the robot" : "all robots");
+  add(all_, "", robots_.size() == 1 ? "the robot" : "all robots");
   figures_.declare(v);
   for (const auto& robot : robots_) {
     const std::string of = robot->placed->name.empty() ? "the robot" : "robot " + robot->placed->name;
@@ -59,7 +59,7 @@ void Monitor::declare_separation(Variables& v) {
 }
 
 void Monitor::declare(Variables& v) {
-  declare_ports(v, *all_, "", robots_.size() == 1 ? "of the robot" : "of all robots");
+  declare_ports(v, all_, "", robots_.size() == 1 ? "of the robot" : "of all robots");
   v.tunable("r", r_, "m", "inflation of the robots' shapes, the radius of a ball that is added to them").range(0, 100);
   const auto declare_obstacle = [&v](const std::string& x, Body& body, const std::string& of) {
     v.tunable(x + "present", body.present, "1", "1 while " + of + " is there, else 0").range(0, 1);
@@ -96,16 +96,17 @@ void Monitor::declare(Variables& v) {
           .range(0, 1);
     }
     joints.state(r.prefix + "q_before", r.q_before, "rad", "q at the last step");
-    if (floating_) v.state(r.prefix + "base_before", r.base_before, "1", "pose of the base at the last step");
+    if (floating_) v.state(r.prefix + "base_before", r.base.before, "1", "pose of the base at the last step");
   }
-  for (const auto& body : bodies_) {
-    const Part& part = *parts_[body->part];
-    if (part.comes) {
-      declare_obstacle(body->prefix, *body, "body " + part.name);
+  for (std::size_t k = 0; k < bodies_.size(); ++k) {
+    Body& body = *bodies_[k];
+    const collision::Part& part = cell_.parts[k];
+    if (body.comes) {
+      declare_obstacle(body.prefix, body, "body " + part.name);
       continue;
     }
-    declare_pose(body->prefix, body->pose, "of body " + part.name, part.moves);
-    if (part.moves) v.state(body->prefix + "before", body->before, "1", "pose at the last step");
+    declare_pose(body.prefix, body.pose, "of body " + part.name, part.moves);
+    if (part.moves) v.state(body.prefix + "before", body.pose.before, "1", "pose at the last step");
   }
   if (separates_) declare_separation(v);
 }

@@ -13,7 +13,7 @@
 #include <string>
 #include <vector>
 
-#include "models/distance/distance.h"
+#include "models/collision/body.h"
 #include "models/scene/hull.h"
 #include "tests/benchmarks/measure.h"
 
@@ -90,15 +90,15 @@ void expect_equal(const char* what, double ours, double peer) {
 template <class Make>
 void pairs(const char* name, const Make& make, double ratio) {
   struct Pair {
-    distance::Convex a, b;
+    collision::Convex a, b;
     Pose X_a, X_b;
     std::unique_ptr<fcl::CollisionObjectd> fcl_a, fcl_b;
   };
   Random random;
   std::vector<Pair> all;
-  distance::Feature scratch;
+  collision::Feature scratch;
   const auto ours = [&](const Pair& p) {
-    return distance::distance({&p.a, p.X_a.R, p.X_a.p}, {&p.b, p.X_b.R, p.X_b.p}, scratch).d;
+    return collision::distance({&p.a, p.X_a.R, p.X_a.p}, {&p.b, p.X_b.R, p.X_b.p}, scratch).d;
   };
   const auto peer = [&](const Pair& p) {
     fcl::DistanceResultd result;
@@ -106,7 +106,7 @@ void pairs(const char* name, const Make& make, double ratio) {
   };
   while (all.size() < kPairs) {
     const Shape a = make(random), b = make(random);
-    Pair pair{distance::make_convex(a), distance::make_convex(b), random.pose(0.4), random.pose(0.4), {}, {}};
+    Pair pair{collision::make_convex(a), collision::make_convex(b), random.pose(0.4), random.pose(0.4), {}, {}};
     pair.fcl_a = std::make_unique<fcl::CollisionObjectd>(to_fcl(a), transform(pair.X_a));
     pair.fcl_b = std::make_unique<fcl::CollisionObjectd>(to_fcl(b), transform(pair.X_b));
     // The frame of our shape is in its middle.
@@ -127,13 +127,13 @@ void pairs(const char* name, const Make& make, double ratio) {
 void tick() {
   constexpr int kLinks = 8, kHulls = 20;
   Random random;
-  std::vector<std::unique_ptr<distance::Solid>> links, hulls;
+  std::vector<std::unique_ptr<collision::Body>> links, hulls;
   std::vector<Pose> X_links, X_hulls;
   fcl::DynamicAABBTreeCollisionManagerd of_links, of_hulls;
   std::vector<std::unique_ptr<fcl::CollisionObjectd>> objects;
-  distance::Finder finder;
+  collision::Finder finder;
   const auto add = [&](auto& solids, auto& poses, auto& manager, const Shape& shape, const Pose& X) {
-    solids.push_back(std::make_unique<distance::Solid>(std::span(&shape, 1)));
+    solids.push_back(std::make_unique<collision::Body>(std::span(&shape, 1)));
     finder.reserve(*solids.back());
     poses.push_back(X);
     objects.push_back(std::make_unique<fcl::CollisionObjectd>(to_fcl(shape), transform(X)));
@@ -156,7 +156,7 @@ void tick() {
       Pose X = X_links[static_cast<std::size_t>(i)];
       X.p += by;
       for (int k = 0; k < kHulls; ++k) {
-        const distance::Distance found =
+        const collision::Distance found =
             finder.find(*links[static_cast<std::size_t>(i)], X, *hulls[static_cast<std::size_t>(k)],
                         X_hulls[static_cast<std::size_t>(k)], least);
         least = std::min(least, found.d);

@@ -10,7 +10,7 @@
 
 #include "components/services/json/json.h"
 #include "components/services/services.h"
-#include "models/clearance/clearance.h"
+#include "models/collision/meeting/meeting.h"
 #include "models/optimisation/search.h"
 #include "models/robot/urdf/urdf.h"
 #include "models/scene/urdf/urdf_shapes.h"
@@ -81,7 +81,7 @@ void chain_of_30() {
 /// Random moves of the LWR 4+ among 50 boxes.
 void clearance_among_50() {
   const std::filesystem::path urdf = std::filesystem::path(cotwin::places::source()) / "models/robots/lwr4/robot.urdf";
-  clearance::Stand stand{{"", robot::load_urdf(urdf), {}}, {}};
+  collision::Stand stand{{"", robot::load_urdf(urdf), {}}, {}};
   stand.robot.shapes = scene::hulls_of_urdf(urdf, stand.robot.model);
   const std::size_t n = stand.robot.model.joints.size();
   std::mt19937 random(4);
@@ -98,13 +98,13 @@ void clearance_among_50() {
     box.shapes[0].size = {0.1, 0.15, 0.2};
     cell.bodies.push_back(box);
   }
-  clearance::Checker checker(cell, {stand}, {0, true, {}});
+  collision::Checker checker(cell, {stand}, {0, true, {}});
   std::vector<double> all;
   for (int k = 0; k < benchmark::shortened(200, 3); ++k) {
     std::vector<double> q;
     for (std::size_t i = 0; i < 2 * n; ++i) q.push_back(real(-1.5, 1.5));
     const std::vector<double> zeros(2 * n);
-    const clearance::Motion move{trajectory::Path(n, {0, 2}, q, zeros, zeros), {}};
+    const collision::Motion move{trajectory::Path(n, {0, 2}, q, zeros, zeros), {}};
     all.push_back(seconds_of([&] { benchmark::keep(checker.check({&move, 1}).clear); }));
   }
   std::ranges::sort(all);

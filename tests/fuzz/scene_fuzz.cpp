@@ -4,7 +4,7 @@
 #include <cstdlib>
 #include <string_view>
 
-#include "components/contact_world/engine/collision/collision.h"
+#include "models/collision/contact/detector.h"
 #include "models/foundation/support/error.h"
 #include "models/scene/sdf/sdf.h"
 
@@ -25,10 +25,10 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     poses.push_back(body.X_WB);
   }
   if (shapes > 100) return 0;
-  contact_world::Collision collision(scene);
+  collision::Detector detector(scene);
   for (const double margin : {0.0, 0.01}) {
-    collision.detect(poses, margin);
-    for (const contact_world::ContactPoint& p : collision.points()) {
+    detector.detect(poses, margin);
+    for (const contact_world::ContactPoint& p : detector.points()) {
       if (!std::isfinite(p.gap) || !p.p_W.allFinite() || !(std::abs(p.n_W.norm() - 1) < 1e-6)) std::abort();
     }
   }

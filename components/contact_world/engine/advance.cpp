@@ -5,11 +5,17 @@
 #include <cmath>
 #include <limits>
 
-#include "components/contact_world/engine/collision/shapes.h"
 #include "components/contact_world/engine/solvers/numbers.h"
+#include "models/collision/body.h"
 
 namespace cotwin::contact_world {
 namespace {
+
+using collision::Convex;
+using collision::Core;
+using collision::Distance;
+using collision::distance;
+using collision::Placed;
 
 /// Motion in a step beyond which a body is fast: the share of its least half size, between these bounds.
 constexpr double kShareOfSize = 0.5;
@@ -27,35 +33,6 @@ constexpr double kLeastShare = 0.02;
 
 /// Rounds in which a body that stops can change the impacts of others.
 constexpr int kRounds = 10;
-
-struct Distance {
-  Vector3d n;      // unit, from a to b
-  double gap = 0;  // lower bound of the signed distance, m
-};
-
-Distance distance(const Placed& a, const Placed& b) {
-  const double round = a.convex->round + b.convex->round;
-  if (a.convex->core == Core::kPlane) {
-    const Vector3d n = a.R.col(2);
-    return {n, n.dot(support(b, -n) - a.p) - round};
-  }
-  if (b.convex->core == Core::kPlane || (a.convex->core == Core::kPoint && b.convex->core != Core::kPoint)) {
-    const Distance mirrored = distance(b, a);
-    return {-mirrored.n, mirrored.gap};
-  }
-  if (b.convex->core == Core::kPoint) {
-    const Separation s = of_point(a, b.p);
-    return {s.n, s.gap - round};
-  }
-  if (a.convex->core == Core::kSegment && b.convex->core == Core::kSegment) {
-    const Separation s = between_segments(a.p, a.R.col(2), a.convex->half, b.p, b.R.col(2), b.convex->half);
-    return {s.n, s.gap - round};
-  }
-  const bool boxes = a.convex->box && b.convex->box;
-  const Separation start = boxes ? along_axes(a, b, 0) : best_guess(a, b, kInfinity);
-  const Separation s = boxes && start.gap <= 0 ? start : climb(a, b, start);
-  return {s.n, s.gap - round};
-}
 
 Placed place(const RigidBody& body, const Pose& X_PC, const Convex& convex, const Vector3d& origin) {
   return {&convex, body.R * X_PC.R, body.p - origin + body.R * X_PC.p};
@@ -80,18 +57,19 @@ double speed_along(const RigidBody& body, const Vector3d& n, double reach, doubl
 }  // namespace
 
 Advance::Advance(const scene::Scene& scene, std::span<const RigidBody> bodies, std::span<const char> linked,
-                 const Collision& collision)
-    : collision_(&collision), bodies_(bodies.size()), fast_(bodies.size(), 0), stops_(bodies.size(), 0) {
-  const std::span<const Collision::Piece> all = collision.pieces();
+                 const collision::Detector& detector)
+    : detector_(&detector), bodies_(bodies.size()), fast_(bodies.size(), 0), stops_(bodies.size(), 0) {
+  const std::span<const collision::Detector::Piece> all = detector.pieces();
   pieces_.reserve(all.size());
   for (std::size_t b = 0; b < bodies.size(); ++b) {
     Body& body = bodies_[b];
     body.first = pieces_.size();
     double least = kInfinity;
     for (; pieces_.size() < all.size() && all[pieces_.size()].body == static_cast<int>(b);) {
-      const Collision::Piece& from = all[pieces_.size()];
+      const collision::Detector::Piece& from = all[pieces_.size()];
       Piece piece;
       piece.convex = &from.convex;
+      scratch_.corners.reserve(most_corners(from.convex));
       piece.X_PC = bodies[b].X_PB * from.convex.X_BC;
       piece.rigid = !scene.bodies[b].shapes[static_cast<std::size_t>(from.shape)].material.soft();
       if (from.convex.core == Core::kPlane || from.convex.core == Core::kHeights) {
@@ -169,7 +147,7 @@ double Advance::time_of_impact(std::span<const RigidBody> bodies, std::size_t a,
   const Vector3d way = stop_a * A.v;
   const double motion = stop_b > 0 ? stop_b * B.v.norm() : 0;
   if (!bodies_[b].unbounded && distance_from_segment(B.p, A.p, way) > A.radius + B.radius + motion) return kInfinity;
-  if (collision_->ignores(static_cast<int>(a), static_cast<int>(b))) return kInfinity;
+  if (detector_->ignores(static_cast<int>(a), static_cast<int>(b))) return kInfinity;
   double end = std::max(stop_a, stop_b);
   double first = kInfinity;
   for (std::size_t j = bodies_[b].first; j < bodies_[b].end; ++j) {
@@ -199,7 +177,7 @@ double Advance::time_of_impact(const RigidBody& a, const Body& pieces_of_a, cons
   Piece of_b = ground;
   of_b.convex = &column_;
   const auto for_each = [&](const Vector3d& to, auto&& visit) {
-    for (Columns columns(*ground.convex, start.cwiseMin(to) - reach, start.cwiseMax(to) + reach); columns.next();) {
+    for (collision::Columns columns(*ground.convex, start.cwiseMin(to) - reach, start.cwiseMax(to) + reach); columns.next();) {
       columns.write(column_);
       of_b.X_PC = ground.X_PC * column_.X_BC;
       of_b.least = column_.extent.minCoeff();
@@ -209,10 +187,10 @@ double Advance::time_of_impact(const RigidBody& a, const Body& pieces_of_a, cons
   bool touches = false;
   double floor = 0;
   for_each(start, [&](const Piece& of_a) {
-    const Distance d = distance(place(a, of_a.X_PC, *of_a.convex, a.p), place(b, of_b.X_PC, column_, a.p));
-    if (d.gap > near) return;
+    const Distance d = distance(place(a, of_a.X_PC, *of_a.convex, a.p), place(b, of_b.X_PC, column_, a.p), scratch_);
+    if (d.d > near) return;
     touches = true;
-    floor = std::min(floor, std::min(d.gap, 0.0) - std::min(kDeeper * of_a.least, kDeepest));
+    floor = std::min(floor, std::min(d.d, 0.0) - std::min(kDeeper * of_a.least, kDeepest));
   });
   double first = kInfinity, end = stop_a;
   for_each(end_of_way, [&](const Piece& of_a) {
@@ -224,7 +202,7 @@ double Advance::time_of_impact(const RigidBody& a, const Body& pieces_of_a, cons
 }
 
 double Advance::time_of_impact(const RigidBody& a, const RigidBody& b, const Piece& of_a, const Piece& of_b, double stop_a,
-                               double stop_b, double end, double near, double floor) const {
+                               double stop_b, double end, double near, double floor) {
   const double least = std::min(of_a.least, of_b.least);
   double t = 0;
   for (int step = 0; step < kSteps; ++step) {
@@ -232,16 +210,17 @@ double Advance::time_of_impact(const RigidBody& a, const RigidBody& b, const Pie
     at_a.drift(std::min(t, stop_a));
     if (stop_b > 0) at_b.drift(std::min(t, stop_b));
     const Vector3d origin = of_b.convex->core == Core::kPlane ? at_a.p : at_b.p;
-    const Distance d = distance(place(at_a, of_a.X_PC, *of_a.convex, origin), place(at_b, of_b.X_PC, *of_b.convex, origin));
-    if (step == 0 && d.gap <= near) {
+    const Distance d =
+        distance(place(at_a, of_a.X_PC, *of_a.convex, origin), place(at_b, of_b.X_PC, *of_b.convex, origin), scratch_);
+    if (step == 0 && d.d <= near) {
       if (!of_a.rigid || !of_b.rigid) return kInfinity;
-      floor = std::min(d.gap, 0.0) - std::min(kDeeper * least, kDeepest);
+      floor = std::min(d.d, 0.0) - std::min(kDeeper * least, kDeepest);
     }
-    if (step > 0 && d.gap <= floor + kStop) return t;
+    if (step > 0 && d.d <= floor + kStop) return t;
     double closing = 0;
     if (t < stop_a) closing += speed_along(at_a, d.n, of_a.reach, stop_a - t);
     if (t < stop_b) closing += speed_along(at_b, -d.n, of_b.reach, stop_b - t);
-    const double way = d.gap - floor - kStop / 2;
+    const double way = d.d - floor - kStop / 2;
     // Until one of two bodies stops, it can only move away from the other.
     const double next = t < stop_a && t < stop_b ? std::min(stop_a, stop_b) : end;
     double dt = closing > 0 ? way / closing : kInfinity;

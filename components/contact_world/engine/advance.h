@@ -4,8 +4,8 @@
 #include <vector>
 
 #include "components/contact_world/engine/body/body.h"
-#include "components/contact_world/engine/collision/collision.h"
-#include "components/contact_world/engine/collision/terrain.h"
+#include "models/collision/contact/detector.h"
+#include "models/collision/contact/terrain.h"
 #include "models/scene/scene.h"
 
 namespace cotwin::contact_world {
@@ -19,9 +19,9 @@ namespace cotwin::contact_world {
 class Advance {
  public:
   Advance() = default;
-  /// `linked`: nonzero for bodies with joints. Refers to the shapes of `collision`.
+  /// `linked`: nonzero for bodies with joints. Refers to the shapes of `detector`.
   Advance(const scene::Scene& scene, std::span<const RigidBody> bodies, std::span<const char> linked,
-          const Collision& collision);
+          const collision::Detector& detector);
 
   /// To be called after the mass distribution of a body has changed.
   void refit(std::size_t body, const RigidBody& now);
@@ -39,7 +39,7 @@ class Advance {
 
  private:
   struct Piece {
-    const Convex* convex = nullptr;
+    const collision::Convex* convex = nullptr;
     Pose X_PC;
     double radius = 0;  // of the sphere about C's origin that contains the piece, m
     double reach = 0;   // largest distance of the core from P's origin, m
@@ -59,14 +59,15 @@ class Advance {
                         double near);
   /// `floor`: gap at which the pieces meet, if they have no contact points at the start.
   double time_of_impact(const RigidBody& a, const RigidBody& b, const Piece& of_a, const Piece& of_b, double stop_a,
-                        double stop_b, double end, double near, double floor = 0) const;
+                        double stop_b, double end, double near, double floor = 0);
 
-  const Collision* collision_ = nullptr;
+  const collision::Detector* detector_ = nullptr;
   std::vector<Piece> pieces_;
   std::vector<Body> bodies_;
   std::vector<char> fast_;
   std::vector<double> stops_;
-  Convex column_ = make_column();
+  collision::Convex column_ = collision::make_column();
+  collision::Feature scratch_;
   bool any_ = false;
 };
 

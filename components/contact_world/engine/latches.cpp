@@ -34,10 +34,10 @@ void World::Impl::latches_changed() {
   restored = false;
   for (std::size_t b = 0; b < bodies.size(); ++b) frozen[b] = !bodies[b].dynamic();
   for (const int body : linked) frozen[index(body)] = 1;
-  collision.clear_joined();
+  detector.clear_joined();
   for (const Latch& latch : latches) {
     if (!latch.closed) continue;
-    if (std::min(latch.joint.parent, latch.joint.child) >= 0) collision.add_joined(latch.joint.parent, latch.joint.child);
+    if (std::min(latch.joint.parent, latch.joint.child) >= 0) detector.add_joined(latch.joint.parent, latch.joint.child);
     for (const int body : {latch.joint.parent, latch.joint.child}) {
       if (body >= 0) frozen[index(body)] = 1;
     }

@@ -127,7 +127,7 @@ bool World::Impl::move_apart(double h) {
     body.update_spin();
     poses[b] = body.pose();
   }
-  collision.update(poses, margin, shifted);
+  detector.update(poses, margin, shifted);
   update_points();
   match(0);
   return true;

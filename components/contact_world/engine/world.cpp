@@ -42,7 +42,7 @@ World::Impl::Impl(scene::Scene the_scene, Options the_options)
       axes(joints.size()),
       forest(bodies, joints),
       rows(bodies, forest),
-      collision(scene),
+      detector(scene),
       latches(joints_of<Latch>(scene.latches, bodies)),
       joint_x(joints.size()),
       applied(bodies.size(), Wrench::Zero()),
@@ -74,7 +74,7 @@ World::Impl::Impl(scene::Scene the_scene, Options the_options)
     for (const Loops::Row& row : tree.loops.rows()) in_loops[index(row.joint)] = 1;
   }
   places.resize(linked.size());
-  advance = Advance(scene, bodies, is_linked, collision);
+  advance = Advance(scene, bodies, is_linked, detector);
   check_gears();
   open_accounts();
   motions.resize(bodies.size());
@@ -93,7 +93,7 @@ World::Impl::Impl(scene::Scene the_scene, Options the_options)
     }
   }
   make_dents();
-  collision.reserve(options.contacts);
+  detector.reserve(options.contacts);
   reserve(options.contacts);
   for (std::size_t b = 0; b < bodies.size(); ++b) {
     poses[b] = bodies[b].pose();
@@ -187,7 +187,7 @@ void World::set_tool(std::size_t body, const std::string& tool, bool present) {
   Impl& w = *impl_;
   const std::vector<scene::Shape>& shapes = w.scene.bodies[body].shapes;
   for (std::size_t s = 0; s < shapes.size(); ++s) {
-    if (shapes[s].tool == tool) w.collision.set_present(static_cast<int>(body), static_cast<int>(s), present);
+    if (shapes[s].tool == tool) w.detector.set_present(static_cast<int>(body), static_cast<int>(s), present);
   }
   w.stale = true;
   w.restored = false;

@@ -7,12 +7,14 @@
 #include <string>
 #include <vector>
 
-#include "components/contact_world/engine/collision/collision.h"
 #include "components/contact_world/engine/joints/latch.h"
+#include "models/collision/contact/detector.h"
 #include "models/mechanics/pose.h"
 #include "models/scene/scene.h"
 
 namespace cotwin::contact_world {
+
+using collision::ContactPoint;
 
 enum class Method {
   kPgs,      // projected Gauss–Seidel for limits, motors, friction and contacts (the paper's); joints eliminated exactly

@@ -6,13 +6,13 @@
 #include "components/contact_world/engine/accounts/accounts.h"
 #include "components/contact_world/engine/advance.h"
 #include "components/contact_world/engine/body/body.h"
-#include "components/contact_world/engine/collision/collision.h"
 #include "components/contact_world/engine/joints/axes.h"
 #include "components/contact_world/engine/joints/forest.h"
 #include "components/contact_world/engine/joints/joint.h"
 #include "components/contact_world/engine/joints/latch.h"
 #include "components/contact_world/engine/rows.h"
 #include "components/contact_world/engine/world.h"
+#include "models/collision/contact/detector.h"
 
 namespace cotwin::contact_world {
 
@@ -235,7 +235,7 @@ struct World::Impl {
   std::vector<Axis> axes;  // one a joint
   Forest forest;
   Rows rows;
-  Collision collision;
+  collision::Detector detector;
   Advance advance;
   std::vector<LooseJoint> loose;
   std::vector<Latch> latches;

@@ -158,18 +158,18 @@ void World::Impl::detect() {
   for (std::size_t b = 0; b < bodies.size(); ++b) {
     if (bodies[b].motion != scene::Motion::kStatic) poses[b] = bodies[b].pose();
   }
-  collision.detect(poses, margin);
+  detector.detect(poses, margin);
   update_points();
 }
 
 void World::Impl::update_points() {
   std::swap(touches, touches_before);
   touches.clear();
-  if (collision.points().size() > capacity) {
-    reserve(std::max(2 * capacity, collision.points().size()));
+  if (detector.points().size() > capacity) {
+    reserve(std::max(2 * capacity, detector.points().size()));
     ++status.grown;
   }
-  for (const ContactPoint& point : collision.points()) {
+  for (const ContactPoint& point : detector.points()) {
     if (!bodies[index(point.body_a)].dynamic() && !bodies[index(point.body_b)].dynamic()) continue;
     const scene::Material& a = *materials[index(point.body_a)][index(point.shape_a)];
     const scene::Material& b = *materials[index(point.body_b)][index(point.shape_b)];

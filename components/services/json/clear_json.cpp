@@ -26,9 +26,9 @@ Pose read_base(Reader& r, const char* what) {
   return X_WB;
 }
 
-clearance::Tool read_tool(const Robot& robot, Reader& r, const std::string& name, const Context& context,
+collision::Tool read_tool(const Robot& robot, Reader& r, const std::string& name, const Context& context,
                           std::vector<std::string>& notes) {
-  clearance::Tool tool;
+  collision::Tool tool;
   tool.name = r.text("name", name, "in names of links, beside those of the robot");
   const std::string frame = r.text("frame", {}, "of the robot that carries it, such as a link");
   const Pose X_FA = read_pose(r, "in that frame, of the root link or the middle of the box; without it 0");
@@ -61,9 +61,9 @@ clearance::Tool read_tool(const Robot& robot, Reader& r, const std::string& name
   return tool;
 }
 
-std::vector<clearance::Tool> read_tools(const Robot& robot, Reader& r, const Context& context,
+std::vector<collision::Tool> read_tools(const Robot& robot, Reader& r, const Context& context,
                                         std::vector<std::string>& notes) {
-  std::vector<clearance::Tool> tools;
+  std::vector<collision::Tool> tools;
   if (r.describes())
     r.declare("tools",
               schemas::array_of(Reader::schema_of([&](Reader& own) { (void)read_tool(robot, own, "", context, notes); })),
@@ -73,9 +73,9 @@ std::vector<clearance::Tool> read_tools(const Robot& robot, Reader& r, const Con
     throw RequestError(r.pointer("tools"), "is no array of at most " + std::to_string(kMostTools) + " tools");
   for (std::size_t k = 0; given && k < given->size(); ++k) {
     Reader own((*given)[k], r.pointer("tools") + "/" + std::to_string(k));
-    clearance::Tool tool = read_tool(robot, own, "tool_" + std::to_string(k + 1), context, notes);
+    collision::Tool tool = read_tool(robot, own, "tool_" + std::to_string(k + 1), context, notes);
     own.finish();
-    if (std::ranges::find(tools, tool.name, &clearance::Tool::name) != tools.end() ||
+    if (std::ranges::find(tools, tool.name, &collision::Tool::name) != tools.end() ||
         std::ranges::find(robot.model.frames, tool.name, &robot::Frame::name) != robot.model.frames.end())
       throw RequestError(own.pointer("name"), "'" + tool.name + "' is there twice, expected a name of its own");
     tools.push_back(std::move(tool));
@@ -83,8 +83,8 @@ std::vector<clearance::Tool> read_tools(const Robot& robot, Reader& r, const Con
   return tools;
 }
 
-clearance::Stand stand_of(const Robot& robot, std::string name, const Pose& X_WB, std::vector<std::string>& notes) {
-  clearance::Stand stand{{std::move(name), robot.model, {}}, X_WB};
+collision::Stand stand_of(const Robot& robot, std::string name, const Pose& X_WB, std::vector<std::string>& notes) {
+  collision::Stand stand{{std::move(name), robot.model, {}}, X_WB};
   if (robot.urdf.empty())
     stand.robot.shapes.resize(robot.model.bodies.size() + 1);
   else
@@ -93,10 +93,10 @@ clearance::Stand stand_of(const Robot& robot, std::string name, const Pose& X_WB
 }
 
 /// One of the other robots: where it stands, and its posture or motion.
-std::pair<std::string, clearance::Motion> read_other(const Robot& robot, Reader& r, Pose& X_WB) {
+std::pair<std::string, collision::Motion> read_other(const Robot& robot, Reader& r, Pose& X_WB) {
   std::string name = r.text("name", robot.name, "in names of links, name/link; without it that of the robot");
   X_WB = read_base(r, "where its base stands");
-  clearance::Motion motion;
+  collision::Motion motion;
   if (r.describes())
     r.declare("series", Reader::schema_of([&](Reader& own) { (void)read_series(robot, own); }), false,
               "its motion; t_s counts from the beginning of the move");
@@ -118,10 +118,10 @@ std::pair<std::string, clearance::Motion> read_other(const Robot& robot, Reader&
 }  // namespace
 
 std::optional<ClearOf> ClearOf::read(const Robot& robot, Reader& r, const Context& context,
-                                     const std::vector<clearance::Tool>& carried) {
-  std::vector<clearance::Stand> stands;
-  clearance::Options options;
-  std::vector<std::pair<std::string, clearance::Motion>> others;
+                                     const std::vector<collision::Tool>& carried) {
+  std::vector<collision::Stand> stands;
+  collision::Options options;
+  std::vector<std::pair<std::string, collision::Motion>> others;
   ClearOf clear;
   const auto read = [&](Reader& own) {
     const std::string scene = own.text("scene", "", "name of a scene: scenes/NAME/scene.sdf beside the folder with robots");
@@ -129,7 +129,7 @@ std::optional<ClearOf> ClearOf::read(const Robot& robot, Reader& r, const Contex
     options.self = own.boolean("self", false, "links of the robot that are no neighbours must not touch, either");
     options.ignore = own.texts("ignore", {}, "pairs of links and bodies that do not count: link_5:table");
     const Pose X_WB = read_base(own, "where the base of the robot stands");
-    std::vector<clearance::Tool> tools = read_tools(robot, own, context, clear.notes_);
+    std::vector<collision::Tool> tools = read_tools(robot, own, context, clear.notes_);
     if (own.describes())
       own.declare("robots", schemas::array_of(Reader::schema_of([](Reader& other) {
                     other.declare("robot", schemas::kText, true, "name of a robot");
@@ -151,8 +151,8 @@ std::optional<ClearOf> ClearOf::read(const Robot& robot, Reader& r, const Contex
     }
     stands.push_back(stand_of(robot, "", X_WB, clear.notes_));
     stands.back().tools = std::move(tools);
-    for (const clearance::Tool& payload : carried) {
-      if (std::ranges::find(stands.back().tools, payload.name, &clearance::Tool::name) != stands.back().tools.end())
+    for (const collision::Tool& payload : carried) {
+      if (std::ranges::find(stands.back().tools, payload.name, &collision::Tool::name) != stands.back().tools.end())
         throw RequestError(own.pointer("tools"), "has '" + payload.name + "', which is a payload, too, expected one of them");
       stands.back().tools.push_back(payload);
       clear.timed_ = clear.timed_ || payload.from > 0 || payload.until < 1;
@@ -184,13 +184,13 @@ std::optional<ClearOf> ClearOf::read(const Robot& robot, Reader& r, const Contex
     }
     own.finish();
     clear.make_ = [bodies = std::move(bodies), stands = std::move(stands), options, first](double begin, double T) {
-      std::vector<clearance::Stand> timed = stands;
+      std::vector<collision::Stand> timed = stands;
       for (std::size_t k = first; k < timed.front().tools.size(); ++k) {
-        clearance::Tool& payload = timed.front().tools[k];
+        collision::Tool& payload = timed.front().tools[k];
         payload.from = payload.from > 0 ? begin + payload.from * T : -scene::kInfinity;
         payload.until = payload.until < 1 ? begin + payload.until * T : scene::kInfinity;
       }
-      return std::make_unique<clearance::Checker>(bodies, std::move(timed), options);
+      return std::make_unique<collision::Checker>(bodies, std::move(timed), options);
     };
     try {
       clear.checker_ = clear.make_(clear.begin_, clear.T_);
@@ -208,7 +208,7 @@ std::optional<ClearOf> ClearOf::read(const Robot& robot, Reader& r, const Contex
   return clear;
 }
 
-clearance::Verdict ClearOf::check(const trajectory::Path& path) {
+collision::Verdict ClearOf::check(const trajectory::Path& path) {
   motions_.front().path = path;
   if (const double T = path.end() - path.begin(); timed_ && (path.begin() != begin_ || T != T_)) {
     begin_ = path.begin();
@@ -218,16 +218,16 @@ clearance::Verdict ClearOf::check(const trajectory::Path& path) {
   return checker_->check(motions_);
 }
 
-std::string ClearOf::reason(const clearance::Verdict& verdict) const {
+std::string ClearOf::reason(const collision::Verdict& verdict) const {
   if (verdict.clear) return "";
-  const clearance::Nearest& n = verdict.nearest;
+  const collision::Nearest& n = verdict.nearest;
   const bool meets = clearance_ == 0 || n.d < 0;
   return n.link + (meets ? " meets " : " comes nearer than " + text::to_text(clearance_) + " m to ") + n.other + " at " +
          text::to_text(n.t, 4) + " s";
 }
 
-Json ClearOf::json(const clearance::Verdict& verdict, Json& reply) const {
-  const clearance::Nearest& n = verdict.nearest;
+Json ClearOf::json(const collision::Verdict& verdict, Json& reply) const {
+  const collision::Nearest& n = verdict.nearest;
   Json nearest;
   const auto point = [](const Eigen::Vector3d& p) { return Json{p.x(), p.y(), p.z()}; };
   if (std::isfinite(n.d))
@@ -242,7 +242,7 @@ Json ClearOf::json(const clearance::Verdict& verdict, Json& reply) const {
 }
 
 bool ClearOf::judge(const trajectory::Path& path, Json& reply) {
-  const clearance::Verdict verdict = check(path);
+  const collision::Verdict verdict = check(path);
   if (!verdict.clear && reply["feasible"] == true) {
     reply["feasible"] = false;
     reply["reason"] = reason(verdict);

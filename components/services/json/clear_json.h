@@ -4,7 +4,7 @@
 #include <optional>
 
 #include "components/services/json/move_json.h"
-#include "models/clearance/clearance.h"
+#include "models/collision/meeting/meeting.h"
 
 /// The member clear_of of requests and replies, for the sources of this folder.
 namespace cotwin::services {
@@ -14,22 +14,22 @@ class ClearOf {
  public:
   /// Nothing if it is not given. `carried`: what the move carries meanwhile. Throws RequestError.
   static std::optional<ClearOf> read(const Robot& robot, Reader& r, const Context& context,
-                                     const std::vector<clearance::Tool>& carried);
-  clearance::Verdict check(const trajectory::Path& path);
+                                     const std::vector<collision::Tool>& carried);
+  collision::Verdict check(const trajectory::Path& path);
   /// The member of the reply; also adds the notes.
-  Json json(const clearance::Verdict& verdict, Json& reply) const;
+  Json json(const collision::Verdict& verdict, Json& reply) const;
   /// "link_5 meets box at 0.83 s"; "" for a motion that is clear.
-  std::string reason(const clearance::Verdict& verdict) const;
+  std::string reason(const collision::Verdict& verdict) const;
   /// Both for a motion: true if it is clear, else the reply is infeasible.
   bool judge(const trajectory::Path& path, Json& reply);
 
  private:
   double clearance_ = 0;
-  std::function<std::unique_ptr<clearance::Checker>(double begin, double T)> make_;
-  std::unique_ptr<clearance::Checker> checker_;
+  std::function<std::unique_ptr<collision::Checker>(double begin, double T)> make_;
+  std::unique_ptr<collision::Checker> checker_;
   double begin_ = 0, T_ = 1;  // of the motion that the checker is for, where payloads come or go
   bool timed_ = false;
-  std::vector<clearance::Motion> motions_;  // that of the robot first
+  std::vector<collision::Motion> motions_;  // that of the robot first
   std::vector<std::string> notes_;
 };
 

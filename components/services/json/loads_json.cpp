@@ -56,7 +56,7 @@ robot::Payload read_payload(const robot::RobotModel& model, const std::string& e
       throw RequestError(r.pointer("frame"), "is on the payload " + below.part.name + ", which is not carried all that time");
   }
   const Pose X_BA = carrier.X_BF * payload.part.X_PA;
-  clearance::Tool shape{payload.part.name, carrier.body, box_of(r, box, X_BA), payload.when.from, payload.when.to};
+  collision::Tool shape{payload.part.name, carrier.body, box_of(r, box, X_BA), payload.when.from, payload.when.to};
   if (!tool.empty()) shape.shapes = at_member(r, "tool", [&] { return context.robots->tool_shapes(tool, X_BA, m.notes); });
   if (!shape.shapes.empty()) m.carried.push_back(std::move(shape));
   return payload;

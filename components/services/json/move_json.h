@@ -2,7 +2,7 @@
 #include "components/services/json/request.h"
 #include "components/services/robots.h"
 #include "components/services/services.h"
-#include "models/clearance/clearance.h"
+#include "models/collision/meeting/meeting.h"
 #include "models/trajectory/series/series.h"
 
 /// Moves in requests and joints in replies, for the sources of this folder.
@@ -47,7 +47,7 @@ inline constexpr Takes kAnyMotion{.in_motion = true, .paths = true};
 
 /// A move with what only its request knows.
 struct MoveRequest : Move {
-  std::vector<clearance::Tool> carried;  // shapes of payloads; `from` and `until` are shares of the motion
+  std::vector<collision::Tool> carried;  // shapes of payloads; `from` and `until` are shares of the motion
   std::vector<std::string> notes;
 };
 

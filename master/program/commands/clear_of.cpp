@@ -77,12 +77,12 @@ struct Mover {
   double start = 0;  // s
   bool slows = false;
   std::vector<double> waypoints;  // s, from the start
-  clearance::Motion motion;
+  collision::Motion motion;
 };
 
 Mover mover_of(Member& member, Time begin) {
   constexpr double kLongest = 3600, kStep = 0.002;  // s
-  using Loop = clearance::Motion::Loop;
+  using Loop = collision::Motion::Loop;
   const Variables& v = member.variables();
   Unit& unit = *member.instance.unit;
   Mover mover;
@@ -175,9 +175,9 @@ bool is_twin(const Standing& one, const Standing& other) {
   return (one.mover != nullptr && one.mover == other.mover) || (same_place && !together);
 }
 
-clearance::Stand stand_of(const Standing& one, const Stage& stage, const std::string& name, std::vector<std::string>& notes) {
+collision::Stand stand_of(const Standing& one, const Stage& stage, const std::string& name, std::vector<std::string>& notes) {
   const StagedModel& model = stage.models[one.robot->model];
-  clearance::Stand stand{{name, *model.model, scene::hulls_of_urdf(model.urdf, *model.model)}, one.X_WB};
+  collision::Stand stand{{name, *model.model, scene::hulls_of_urdf(model.urdf, *model.model)}, one.X_WB};
   for (const StagedTool& tool : one.robot->tools) {
     stand.tools.push_back({tool.name, tool.body, {}, tool.from, tool.until.value_or(scene::kInfinity)});
     if (!tool.urdf.empty()) stand.tools.back().shapes = scene::shapes_of_tool(tool.urdf, tool.X_BA, &notes);
@@ -206,27 +206,27 @@ std::vector<fmu::Finding> judge(const Mover& mover, std::vector<Standing>& robot
     return findings;
   }
   std::vector<std::string> notes;
-  std::vector<clearance::Stand> stands{stand_of(*own, stage, "", notes)};
-  std::vector<clearance::Motion> motions{mover.motion};
+  std::vector<collision::Stand> stands{stand_of(*own, stage, "", notes)};
+  std::vector<collision::Motion> motions{mover.motion};
   std::string resting, unknown, bare;
   bool slows = mover.slows;
   for (const Standing& other : robots) {
     if (&other == &*own || is_twin(*own, other) || stage.models[other.robot->model].urdf.empty()) continue;
-    clearance::Stand there = stand_of(other, stage, other.name, notes);
+    collision::Stand there = stand_of(other, stage, other.name, notes);
     if (own->placed_by.empty() || other.placed_by.empty()) {
       text::append(unknown, other.name);
     } else if (std::ranges::all_of(there.robot.shapes, &std::vector<scene::Shape>::empty)) {
       text::append(bare, other.name);
     } else {
       stands.push_back(std::move(there));
-      motions.push_back(other.mover != nullptr ? other.mover->motion : clearance::Motion{{}, other.robot->q0});
+      motions.push_back(other.mover != nullptr ? other.mover->motion : collision::Motion{{}, other.robot->q0});
       if (other.mover == nullptr) text::append(resting, other.name);
       slows = slows || (other.mover != nullptr && other.mover->slows);
     }
   }
-  clearance::Checker checker(scene, std::move(stands), {0, true, {}});
-  const clearance::Verdict verdict = checker.check(motions, until);
-  const clearance::Nearest& at = verdict.nearest;
+  collision::Checker checker(scene, std::move(stands), {0, true, {}});
+  const collision::Verdict verdict = checker.check(motions, until);
+  const collision::Nearest& at = verdict.nearest;
   if (!verdict.clear)
     findings.push_back({Level::kError, mover.name + ": " + at.link + " meets " + at.other + time_of(at.t, mover)});
   else if (std::isfinite(at.d))

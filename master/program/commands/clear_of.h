@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "fmu/check/check.h"
-#include "models/clearance/clearance.h"
+#include "models/collision/meeting/meeting.h"
 
 /// Collisions for commands.
 namespace cotwin::master {

@@ -109,13 +109,13 @@ trajectory::Path path_of(const excitation::FourierSeries& series, std::vector<do
 
 /// Cuts the ranges of the joints that move a link or tool relative to what it met, on the side on which they are then, by a third of what the motion
 /// uses from its middle.
-void cut_ranges(const robot::RobotModel& robot, const std::vector<clearance::Tool>& tools, const std::vector<double>& rows,
-                const trajectory::Path& path, const clearance::Nearest& met, excitation::DesignOptions& design) {
+void cut_ranges(const robot::RobotModel& robot, const std::vector<collision::Tool>& tools, const std::vector<double>& rows,
+                const trajectory::Path& path, const collision::Nearest& met, excitation::DesignOptions& design) {
   const std::size_t n = robot.joints.size();
   std::vector<double> q(n), dq(n), ddq(n);
   path.at(met.t, q, dq, ddq);
   const auto moves = [&](std::size_t joint, const std::string& name) {
-    const auto tool = std::ranges::find(tools, name, &clearance::Tool::name);
+    const auto tool = std::ranges::find(tools, name, &collision::Tool::name);
     const auto body = std::ranges::find(robot.bodies, name, &robot::Body::name);
     const int link = tool != tools.end()          ? tool->link
                      : body != robot.bodies.end() ? static_cast<int>(body - robot.bodies.begin())
@@ -137,11 +137,11 @@ void cut_ranges(const robot::RobotModel& robot, const std::vector<clearance::Too
 
 /// A motion that keeps clear, if one is found; tells what each search met.
 std::optional<excitation::Design> design_clear(const robot::RobotModel& robot, const fs::path& urdf,
-                                               const std::vector<clearance::Tool>& tools, ExciteArguments& a,
+                                               const std::vector<collision::Tool>& tools, ExciteArguments& a,
                                                const std::function<excitation::Design()>& search) {
   constexpr int kMostSearches = 20;
   std::vector<std::string> notes;
-  clearance::Stand stand{{"", robot, scene::hulls_of_urdf(urdf, robot)}, {}, tools};
+  collision::Stand stand{{"", robot, scene::hulls_of_urdf(urdf, robot)}, {}, tools};
   if (!a.base.empty()) {
     const auto [name, X_WB] = read_base(a.base);
     if (!name.empty() && name != robot.name) throw Error("--base", "'" + a.base + "' is for another robot than " + robot.name);
@@ -149,7 +149,7 @@ std::optional<excitation::Design> design_clear(const robot::RobotModel& robot, c
   } else if (!a.clear_of.empty()) {
     notes.push_back("the robot's base is taken to be at the scene's origin; --base says otherwise");
   }
-  clearance::Checker checker(scene_with(a.clear_of, a.floor, notes), {std::move(stand)}, {0, true, {}});
+  collision::Checker checker(scene_with(a.clear_of, a.floor, notes), {std::move(stand)}, {0, true, {}});
   notes.insert(notes.end(), checker.notes().begin(), checker.notes().end());
   for (const std::string& note : notes) std::cerr << "warning: " << note << '\n';
   a.design.q_min.resize(robot.joints.size(), -scene::kInfinity);
@@ -158,13 +158,13 @@ std::optional<excitation::Design> design_clear(const robot::RobotModel& robot, c
     a.design.q_min[j] = std::max(a.design.q_min[j], robot.joints[j].q_min);
     a.design.q_max[j] = std::min(a.design.q_max[j], robot.joints[j].q_max);
   }
-  clearance::Nearest last;
+  collision::Nearest last;
   for (int k = 1; k <= kMostSearches; ++k) {
     excitation::Design design = search();
     if (stop_signal() != 0) return design;
     std::vector<double> rows;
-    const clearance::Motion motion{path_of(design.series, rows), {}};
-    const clearance::Verdict verdict = checker.check({&motion, 1});
+    const collision::Motion motion{path_of(design.series, rows), {}};
+    const collision::Verdict verdict = checker.check({&motion, 1});
     if (verdict.clear) {
       if (!a.quiet && std::isfinite(verdict.nearest.d))
         std::cout << "clear: " << verdict.nearest.link << " comes nearest, " << text::to_text(verdict.nearest.d, 3)
@@ -174,7 +174,7 @@ std::optional<excitation::Design> design_clear(const robot::RobotModel& robot, c
     std::cerr << "search " << k << ": " << verdict.nearest.link << " meets " << verdict.nearest.other << " at "
               << text::to_text(verdict.nearest.t, 4) << " s" << (k < kMostSearches ? "; again with smaller ranges" : "")
               << '\n';
-    const clearance::Nearest& met = verdict.nearest;
+    const collision::Nearest& met = verdict.nearest;
     constexpr double kSame = 1e-6;  // m
     if (met.t == 0 && last.t == 0 && met.link == last.link && met.other == last.other && std::abs(met.d - last.d) < kSame)
       throw Error("--clear-of", met.link + " meets " + met.other + " in every posture, expected another place of it");
@@ -188,7 +188,7 @@ int excite(ExciteArguments& a) {
   std::vector<std::string> warnings;
   const fs::path urdf = urdf_of(a.robot);
   robot::RobotModel robot = robot::load_urdf(urdf, {robot::Unphysical::kWarn, ""}, &warnings);
-  std::vector<clearance::Tool> tools;
+  std::vector<collision::Tool> tools;
   for (const std::string& text : a.attach) {
     const ToolSpec tool = parse_tool(text);
     robot::attach(robot, attachment(tool));

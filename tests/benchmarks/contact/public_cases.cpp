@@ -3,7 +3,7 @@
 #include <array>
 #include <cmath>
 
-#include "components/contact_world/engine/collision/collision.h"
+#include "models/collision/contact/detector.h"
 #include "tests/benchmarks/contact/cases.h"
 #include "tests/benchmarks/contact/run.h"
 #include "tests/support/contact_scenes.h"
@@ -30,13 +30,13 @@ std::vector<Figure> pushed_ball(const EngineKind& kind) {
 
 std::vector<Figure> balls(const EngineKind& kind) {
   Run run(kind, testing::balls(666, 2), 2e-3);
-  contact_world::Collision collision(run.scene());
+  collision::Detector detector(run.scene());
   double deepest = 0;
   for (int k = 0; k < 500; ++k) {
     run.step();
     if (k % 10 != 0) continue;
-    collision.detect(run.X_WB, 0);
-    for (const contact_world::ContactPoint& point : collision.points()) deepest = std::max(deepest, -point.gap);
+    detector.detect(run.X_WB, 0);
+    for (const contact_world::ContactPoint& point : detector.points()) deepest = std::max(deepest, -point.gap);
   }
   return {{"step", "us", run.mean_microseconds(), 0}, {"deepest penetration", "m", deepest, 1.5e-4}};
 }

@@ -3,7 +3,7 @@
 #include <array>
 #include <cmath>
 
-#include "components/contact_world/engine/collision/collision.h"
+#include "models/collision/contact/detector.h"
 #include "tests/benchmarks/contact/cases.h"
 #include "tests/benchmarks/contact/run.h"
 #include "tests/support/contact_scenes.h"
@@ -110,10 +110,10 @@ std::vector<Figure> slot(const EngineKind& kind) {
 std::vector<Figure> pile_of_1000(const EngineKind& kind) {
   Run run(kind, testing::pile(1000, 1), kStepOfPiles);
   for (int k = 0; k < 600; ++k) run.step();
-  contact_world::Collision collision(run.scene());
-  collision.detect(run.X_WB, 0);
+  collision::Detector detector(run.scene());
+  detector.detect(run.X_WB, 0);
   double deepest = 0;
-  for (const contact_world::ContactPoint& point : collision.points()) deepest = std::max(deepest, -point.gap);
+  for (const contact_world::ContactPoint& point : detector.points()) deepest = std::max(deepest, -point.gap);
   return {{"step", "us", run.mean_microseconds(), 5000}, {"penetration at the end", "mm", 1e3 * deepest, 0}};
 }
 

@@ -1,4 +1,4 @@
-#include "components/contact_world/engine/collision/collision.h"
+#include "models/collision/contact/detector.h"
 
 #include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
@@ -20,9 +20,9 @@ constexpr double kDeep = 0.01, kDeepError = 1e-5;  // m
 constexpr double kFar = 1;                         // m: a margin that contains all pairs
 
 std::vector<ContactPoint> points_of(const scene::Scene& scene, const std::vector<Pose>& X, double margin) {
-  Collision collision(scene);
-  collision.detect(X, margin);
-  return {collision.points().begin(), collision.points().end()};
+  collision::Detector detector(scene);
+  detector.detect(X, margin);
+  return {detector.points().begin(), detector.points().end()};
 }
 
 /// The points are on the surfaces: the surfaces of a and b are half a gap away along n.
@@ -516,15 +516,15 @@ TEST(Collision, IsAFunctionOfThePosesAlone) {
   Random random(31);
   constexpr int kCount = 40;
   const scene::Scene scene = random_scene(random, kCount);
-  Collision collision(scene);
+  collision::Detector detector(scene);
   const std::vector<Pose> poses = random_poses(random, kCount);
-  collision.detect(poses, 0.01);
-  const std::vector<ContactPoint> first(collision.points().begin(), collision.points().end());
+  detector.detect(poses, 0.01);
+  const std::vector<ContactPoint> first(detector.points().begin(), detector.points().end());
   EXPECT_GT(first.size(), 20u);
   for (int i = 0; i < 10; ++i) {
-    collision.detect(random_poses(random, kCount), random.real(0, 0.1));
-    collision.detect(poses, 0.01);
-    EXPECT_TRUE(same_bits(collision.points(), first));
+    detector.detect(random_poses(random, kCount), random.real(0, 0.1));
+    detector.detect(poses, 0.01);
+    EXPECT_TRUE(same_bits(detector.points(), first));
   }
   EXPECT_TRUE(same_bits(points_of(scene, poses, 0.01), first));
 }
@@ -566,13 +566,13 @@ TEST(Collision, SortsItsPointsByPairAndFeature) {
 TEST(Collision, AllocatesNothingAfterTheFirstSteps) {
   Random random(43);
   constexpr int kCount = 60;
-  Collision collision(random_scene(random, kCount));
+  collision::Detector detector(random_scene(random, kCount));
   std::vector<std::vector<Pose>> poses;
   for (int i = 0; i < 20; ++i) poses.push_back(random_poses(random, kCount));
-  for (const auto& X : poses) collision.detect(X, 0.05);
+  for (const auto& X : poses) detector.detect(X, 0.05);
   const std::uint64_t before = cotwin::testing::allocations();
   for (int i = 0; i < 5; ++i) {
-    for (const auto& X : poses) collision.detect(X, 0.05);
+    for (const auto& X : poses) detector.detect(X, 0.05);
   }
   EXPECT_EQ(cotwin::testing::allocations(), before);
 }
@@ -580,13 +580,13 @@ TEST(Collision, AllocatesNothingAfterTheFirstSteps) {
 TEST(Collision, ReserveAvoidsAllocationsInTheFirstStep) {
   Random random(47);
   constexpr int kCount = 60;
-  Collision collision(random_scene(random, kCount));
-  collision.reserve(4000);
+  collision::Detector detector(random_scene(random, kCount));
+  detector.reserve(4000);
   const std::vector<Pose> poses = random_poses(random, kCount);
   const std::uint64_t before = cotwin::testing::allocations();
-  collision.detect(poses, 0.05);
+  detector.detect(poses, 0.05);
   EXPECT_EQ(cotwin::testing::allocations(), before);
-  EXPECT_GT(collision.points().size(), 0u);
+  EXPECT_GT(detector.points().size(), 0u);
 }
 
 TEST(Collision, LeavesOutPairsThatTheSceneExcludes) {

@@ -10,8 +10,8 @@
 #include <utility>
 #include <vector>
 
-#include "components/contact_world/engine/collision/collision.h"
 #include "components/contact_world/engine/world.h"
+#include "models/collision/contact/detector.h"
 #include "models/scene/sdf/sdf.h"
 #include "tests/components/contact_world/shapes.h"
 #include "tests/support/allocations.h"
@@ -259,16 +259,16 @@ TEST(Heightmaps, AreAsFarFromABodyAsTheUnionOfTheirPrisms) {
       scene::Scene on_map = map, on_prisms = prisms;
       on_map.bodies.push_back(thing);
       on_prisms.bodies.push_back(thing);
-      Collision of_map(on_map), of_prisms(on_prisms);
+      collision::Detector of_map(on_map), of_prisms(on_prisms);
       testing::Random random(7);
       for (int trial = 0; trial < 50; ++trial) {
         Pose X{random.rotation(), {random.real(-0.35, 0.35), random.real(-0.2, 0.2), 0}};
-        const auto least = [&](Collision& collision, std::size_t bodies) {
+        const auto least = [&](collision::Detector& detector, std::size_t bodies) {
           std::vector<Pose> poses(bodies);
           poses.back() = X;
-          collision.detect(poses, 0.05);
+          detector.detect(poses, 0.05);
           double gap = 0.05;
-          for (const ContactPoint& p : collision.points()) gap = std::min(gap, p.gap);
+          for (const ContactPoint& p : detector.points()) gap = std::min(gap, p.gap);
           return gap;
         };
         // A height at which it is a little above the ground.

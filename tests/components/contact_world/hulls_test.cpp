@@ -50,10 +50,10 @@ void count_overlaps(const scene::PlacedRobot& robot, const std::vector<double>& 
   assemble(scene, robot, {}, Base::kFixed, q, std::vector<double>(q.size(), 0.0));
   std::vector<Pose> X_WB;
   for (const scene::Body& body : scene.bodies) X_WB.push_back(body.X_WB);
-  Collision collision(scene);
-  collision.detect(X_WB, 0);
+  collision::Detector detector(scene);
+  detector.detect(X_WB, 0);
   std::map<std::pair<std::string, std::string>, bool> touching;
-  for (const ContactPoint& point : collision.points())
+  for (const ContactPoint& point : detector.points())
     touching[{scene.bodies[static_cast<std::size_t>(point.body_a)].name,
               scene.bodies[static_cast<std::size_t>(point.body_b)].name}] = true;
   for (const auto& [pair, touches] : touching) ++pairs[pair];

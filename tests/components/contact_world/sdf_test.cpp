@@ -239,15 +239,15 @@ TEST(SdfShapes, ABallTouchesAnEllipsoidWhereItsNormalSaysSo) {
       "<model name='e'><static>true</static><link name='l'><collision name='c'><geometry><ellipsoid><radii>0.1 0.2 "
       "0.3</radii></ellipsoid></geometry></collision></link></model>" +
       body("0 0 5 0 0 0", "<sphere><radius>0.05</radius></sphere>"));
-  Collision collision(scene);
+  collision::Detector detector(scene);
   for (const double gap : {0.01, -0.002}) {
     Pose X_WB;
     X_WB.p = p + (0.05 + gap) * n;
     const std::vector<Pose> poses{Pose{}, X_WB};
-    collision.detect(poses, 0.1);
-    ASSERT_EQ(collision.points().size(), 1u);
-    EXPECT_NEAR(collision.points()[0].gap, gap, 1e-9);
-    EXPECT_LT((collision.points()[0].n_W - n).norm(), 1e-7);
+    detector.detect(poses, 0.1);
+    ASSERT_EQ(detector.points().size(), 1u);
+    EXPECT_NEAR(detector.points()[0].gap, gap, 1e-9);
+    EXPECT_LT((detector.points()[0].n_W - n).norm(), 1e-7);
   }
 }
 

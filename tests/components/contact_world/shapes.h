@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "components/contact_world/engine/collision/collision.h"
+#include "models/collision/contact/detector.h"
 
 /// Random convex shapes, and an oracle of their distance that shares no code with the code under test: support functions and
 /// surfaces from the definition of each shape.

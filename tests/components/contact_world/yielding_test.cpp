@@ -10,9 +10,9 @@
 #include <string>
 #include <vector>
 
-#include "components/contact_world/engine/collision/collision.h"
 #include "components/contact_world/engine/soft_contact.h"
 #include "components/contact_world/engine/world.h"
+#include "models/collision/contact/detector.h"
 #include "tests/components/contact_world/shapes.h"
 #include "tests/support/allocations.h"
 
@@ -60,10 +60,10 @@ Load patch_of(const Shape& shape, const Pose& X) {
   scene.bodies = {body_of("pad", pad_shape(), {0, 0, -kThickness / 2}, scene::Motion::kStatic),
                   body_of("punch", shape, X.p, scene::Motion::kDynamic)};
   scene.bodies[1].X_WB = X;
-  Collision collision(scene);
-  collision.detect(std::vector<Pose>{scene.bodies[0].X_WB, X}, 1e-6);
+  collision::Detector detector(scene);
+  detector.detect(std::vector<Pose>{scene.bodies[0].X_WB, X}, 1e-6);
   Load load;
-  for (const ContactPoint& point : collision.points()) {
+  for (const ContactPoint& point : detector.points()) {
     EXPECT_NEAR(point.n_W.z(), 1, 1e-9);
     load.volume += point.area * point.load;
     load.moment += point.area * point.load * point.p_W;

@@ -130,12 +130,12 @@ TEST_F(Slides, WithoutAnybodyAroundHaveNoDistance) {
 
 TEST_F(Slides, RefuseWhatTheyCannotWatch) {
   EXPECT_THAT(error_of([&] { monitor("robot=@bare.urdf&scene=@plate.sdf"); }),
-              HasSubstr("robot 'slide' has no shapes, so it has no distance: scripts/capsules.py"));
+              HasSubstr("robot 'slide': has no shapes, so nothing can be said of collisions: scripts/capsules.py"));
   EXPECT_THAT(error_of([&] { monitor("scene=@plate.sdf"); }), HasSubstr("has no robot to watch"));
   EXPECT_THAT(error_of([&] { monitor("robot=@slide.urdf&ignore=hand"); }),
-              HasSubstr("'hand', expected two names as in link_5:link_7"));
+              HasSubstr("ignore: 'hand', expected two names as in link_5:table"));
   EXPECT_THAT(error_of([&] { monitor("robot=@slide.urdf&ignore=hand:bal"); }),
-              HasSubstr("no body 'bal', did you mean 'ball'?"));
+              HasSubstr("ignore: 'bal' is no link and no body, did you mean 'ball'?"));
   UnitSubject unit = monitor("robot=@slide.urdf&scene=@ball.sdf&base=floating");
   unit.initialise();
   unit.set("q", std::vector<double>{0, std::nan(""), 0});
@@ -178,7 +178,7 @@ class Cell : public ::testing::Test {
 
   /// The least distance of links of both robots at the inputs of the unit, by forward kinematics and all pairs of shapes.
   double between_robots() {
-    std::vector<std::pair<distance::Convex, Pose>> pieces[2];
+    std::vector<std::pair<collision::Convex, Pose>> pieces[2];
     for (std::size_t r = 0; r < 2; ++r) {
       const Placed& placed = robots_[r];
       const Eigen::VectorXd q = unit_.joints(r == 0 ? "left.q" : "right.q"), rest = Eigen::VectorXd::Zero(q.size());
@@ -190,20 +190,20 @@ class Cell : public ::testing::Test {
           X = X * Pose{motion.Q.toRotationMatrix(), motion.p};
         }
         for (const scene::Shape& shape : placed.shapes[b]) {
-          distance::Convex convex = distance::make_convex(shape);
+          collision::Convex convex = collision::make_convex(shape);
           const Pose X_WC = X * convex.X_BC;
           pieces[r].emplace_back(std::move(convex), X_WC);
         }
       }
     }
     double least = HUGE_VAL;
-    distance::Feature scratch;
+    collision::Feature scratch;
     for (std::size_t i = 0; i < pieces[0].size(); ++i) {
       for (std::size_t k = 0; k < pieces[1].size(); ++k) {
         const auto& [a, X_a] = pieces[0][i];
         const auto& [b, X_b] = pieces[1][k];
         const bool bases = i < robots_[0].shapes[0].size() && k < robots_[1].shapes[0].size();
-        if (!bases) least = std::min(least, distance::distance({&a, X_a.R, X_a.p}, {&b, X_b.R, X_b.p}, scratch).d);
+        if (!bases) least = std::min(least, collision::distance({&a, X_a.R, X_a.p}, {&b, X_b.R, X_b.p}, scratch).d);
       }
     }
     return least;

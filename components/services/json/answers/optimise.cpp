@@ -288,7 +288,7 @@ class Candidates {
 
 /// Replaces a motion that is not clear by the cheapest clear one of the candidates, if there is one. Returns what to tell.
 std::string make_clear(ClearOf& clear, const Problem& p, const Candidates& candidates, Solution& s) {
-  const clearance::Verdict verdict = clear.check(s.path);
+  const collision::Verdict verdict = clear.check(s.path);
   if (verdict.clear) return "";
   int touching = 1;
   for (const auto& [place, candidate] : candidates.by_cost()) {

@@ -1,0 +1,97 @@
+#pragma once
+#include <Eigen/Core>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "models/collision/nearest.h"
+#include "models/mechanics/pose.h"
+#include "models/scene/scene.h"
+
+/// How near bodies of many shapes are, which are in a tree of boxes.
+namespace cotwin::collision {
+
+/// The shapes of a body, in a tree of boxes in the frame of the body. Triangles that are joined at their edges are a mesh. It is closed, with solid
+/// inside, if each edge has as many triangles in one direction as in the other, or, with triangles that face the wrong way, an even number of them;
+/// otherwise it is a surface without solid. Inside is where the closed meshes wind around once or more; of those with triangles that face the wrong
+/// way, where a ray crosses them an odd number of times.
+class Body {
+ public:
+  /// Throws Error for a hull without volume and for height fields.
+  explicit Body(std::span<const scene::Shape> shapes);
+
+  /// `unscaled`, larger by the factor about the frame's origin. Allocates nothing if both have the same shapes.
+  void set_scaled(const Body& unscaled, double factor);
+
+  bool empty() const { return pieces_.empty(); }
+  /// The radius of the ball about the frame's origin that encloses the shapes, m; infinity with a plane.
+  double reach() const { return reach_; }
+  /// A smaller ball around them: its middle in the frame of the body, and its radius.
+  const Eigen::Vector3d& middle() const { return middle_; }
+  double radius() const { return radius_; }
+  const std::vector<Convex>& pieces() const { return pieces_; }  // triangles are flat
+  /// Whether a mesh of it is not closed.
+  bool open() const { return open_; }
+  /// Whether a point in the frame of the body is inside a closed mesh. Allocates nothing.
+  bool contains(const Eigen::Vector3d& p) const;
+  /// The shapes of tools are absent at first. Piece k is shape k.
+  void set_present(std::size_t piece, bool present) { present_[piece] = present ? 1 : 0; }
+
+ private:
+  friend class Finder;
+  struct Node {
+    Eigen::Vector3d middle, half;        // box in the frame of the body
+    double radius = 0;                   // of the ball about its middle
+    std::int32_t left = -1, right = -1;  // nodes; -1: a leaf with `piece`
+    std::uint32_t piece = 0;
+  };
+  struct Crossings {
+    int around = 0, all = 0;
+    bool certain = true;
+  };
+  enum class Closed : std::uint8_t { kNo, kOriented, kEven };
+  std::int32_t build(std::span<std::uint32_t> pieces);
+  void find_meshes(std::span<const scene::Shape> shapes);
+  void cross(const Eigen::Vector3d& p, const Eigen::Vector3d& d, std::int32_t node, Crossings& crossings) const;
+
+  std::vector<Convex> pieces_;
+  std::vector<Convex> prisms_;          // of triangles of closed meshes, by piece; empty without
+  std::vector<Closed> closed_;          // by piece
+  std::vector<std::uint32_t> groups_;   // by piece: the first one of its mesh, or itself
+  bool open_ = false, bounds_ = false;  // bounds: a mesh is closed
+  std::vector<char> present_;
+  std::vector<Node> nodes_;            // the root is the last one
+  std::vector<std::uint32_t> planes_;  // pieces that are in no box
+  double reach_ = 0, radius_ = 0;
+  Eigen::Vector3d middle_ = Eigen::Vector3d::Zero();
+  std::size_t depth_ = 0, corners_ = 0;  // of the tree; of the largest face
+};
+
+/// Finds the nearest points of two bodies.
+class Finder {
+ public:
+  /// Allocates for these bodies.
+  void reserve(const Body& solid);
+  /// The distance of two bodies if it is at most `most`, otherwise infinity. Equal arguments give equal bits. Allocates nothing.
+  /// Of a part that is inside a closed mesh of the other body without touching its surface it is -(its distance from the surface + its depth along
+  /// n), with n the shortest way to the surface.
+  Distance find(const Body& a, const Pose& X_WA, const Body& b, const Pose& X_WB, double most = scene::kInfinity);
+
+ private:
+  struct Step {
+    std::int32_t a, b;
+    double least;  // lower bound of the distance
+  };
+  static constexpr std::uint32_t kAll = 0xFFFFFFFF;
+  /// From the surfaces; with a group of b, that group from the closed meshes of a.
+  Distance nearest(const Body& a, const Pose& X_WA, const Body& b, const Pose& X_WB, double most, std::uint32_t group = kAll);
+  /// The deepest of the parts of b that are inside a without touching it, if it is deeper than `best`.
+  void find_inside(const Body& a, const Pose& X_WA, const Body& b, const Pose& X_WB, double most, Distance& best);
+
+  std::vector<Step> stack_;
+  std::size_t depth_ = 0;  // of the deepest tree
+  Feature scratch_;
+};
+
+}  // namespace cotwin::collision

@@ -1,0 +1,158 @@
+#include "models/collision/cell/cell.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
+#include "models/scene/robot_links.h"
+
+namespace cotwin::collision {
+namespace {
+
+/// The names in "link_5:table", of which each may have colons itself: those that are known, otherwise those beside the first colon. The second one
+/// is empty without a colon.
+template <class IsKnown>
+std::pair<std::string, std::string> two_names(std::string_view pair, const IsKnown& is_known) {
+  std::pair<std::string, std::string> first{text::trim(pair), ""};
+  for (std::size_t colon = pair.find(':'); colon != std::string_view::npos; colon = pair.find(':', colon + 1)) {
+    std::pair<std::string, std::string> names{text::trim(pair.substr(0, colon)), text::trim(pair.substr(colon + 1))};
+    if (is_known(names.first) && is_known(names.second)) return names;
+    if (first.second.empty()) first = names;
+  }
+  return first;
+}
+
+int parent_of(const robot::RobotModel& model, int link) { return link < 0 ? -2 : model.joint_of(link).parent; }
+
+/// Links that a joint connects; a tool and what is on the same link.
+bool are_neighbours(const robot::RobotModel& model, const Part& a, const Part& b) {
+  if (a.tool || b.tool) return a.link == b.link;
+  return parent_of(model, a.link) == b.link || parent_of(model, b.link) == a.link;
+}
+
+/// The body that carries both, −1: the base.
+int common_of(const robot::RobotModel& model, int a, int b) {
+  const auto carries = [&](int one, int other) {
+    while (other >= 0 && other != one) other = parent_of(model, other);
+    return other == one;
+  };
+  while (a >= 0 && !carries(a, b)) a = parent_of(model, a);
+  return a;
+}
+
+}  // namespace
+
+Part& Cell::add(const std::string& name, std::span<const scene::Shape> shapes, int robot, int link) {
+  try {
+    parts.push_back({.name = name, .body = Body(shapes), .robot = robot, .link = link, .X_W = {}});
+  } catch (const Error& error) {
+    throw Error("body '" + name + "'", error.what());
+  }
+  finder_.reserve(parts.back().body);
+  return parts.back();
+}
+
+void Cell::add(const scene::Scene& scene) {
+  for (const scene::Body& body : scene.bodies) {
+    Part& part = add(body.name, body.shapes, -1, -1);
+    part.moves = body.motion != scene::Motion::kStatic;
+    place(part, body.X_WB);
+  }
+}
+
+std::string Cell::add(const scene::PlacedRobot& robot, bool floats) {
+  const std::string prefix = robot.name.empty() ? "" : robot.name + "/";
+  const int number = static_cast<int>(robots_.size());
+  robots_.push_back({&robot, parts.size(), parts.size()});
+  std::string bare;
+  for (std::size_t i = 0; i < robot.shapes.size(); ++i) {
+    const std::string& name = i == 0 ? robot.model.base.name : robot.model.bodies[i - 1].name;
+    Part& part = add(prefix + (name.empty() ? "base" : name), robot.shapes[i], number, static_cast<int>(i) - 1);
+    part.moves = i > 0 || floats;
+    if (part.body.empty()) text::append(bare, part.name);
+  }
+  robots_.back().end = parts.size();
+  if (std::ranges::all_of(of(number), [](const Part& part) { return part.body.empty(); }))
+    throw Error("robot '" + robot.model.name + "'",
+                "has no shapes, so nothing can be said of collisions: scripts/capsules.py encloses its meshes in a file with "
+                "hulls beside the URDF, or give its links <collision> and a unit robot_shapes=all");
+  return bare.empty() ? "" : "no shapes of " + bare;
+}
+
+void Cell::add_tool(const std::string& name, std::span<const scene::Shape> shapes, int link) {
+  Robot& robot = robots_.back();
+  const std::string prefix = robot.placed->name.empty() ? "" : robot.placed->name + "/";
+  Part& part = add(prefix + name, shapes, static_cast<int>(robots_.size()) - 1, link);
+  part.tool = true;
+  part.moves = link >= 0;
+  robot.end = parts.size();
+}
+
+std::span<Part> Cell::of(int robot) {
+  const Robot& own = robots_[static_cast<std::size_t>(robot)];
+  return std::span(parts).subspan(own.first, own.end - own.first);
+}
+
+std::size_t Cell::index_of(const std::string& name) const {
+  const auto found = std::ranges::find(parts, name, &Part::name);
+  if (found != parts.end()) return static_cast<std::size_t>(found - parts.begin());
+  std::vector<std::string> names;
+  for (const Part& part : parts) names.push_back(part.name);
+  const std::string near = text::closest(name, names);
+  throw Error("ignore", "'" + name + "' is no link and no body" + (near.empty() ? "" : ", did you mean '" + near + "'?"));
+}
+
+void Cell::find_pairs(std::span<const std::string> ignore) {
+  std::vector<std::pair<std::size_t, std::size_t>> without;
+  const auto is_known = [this](const std::string& name) { return std::ranges::find(parts, name, &Part::name) != parts.end(); };
+  for (const std::string& item : ignore) {
+    const auto [one, other] = two_names(item, is_known);
+    if (other.empty()) throw Error("ignore", "'" + item + "', expected two names as in link_5:table");
+    without.emplace_back(std::minmax<std::size_t>(index_of(one), index_of(other)));
+  }
+  for (std::size_t b = 0; b < parts.size(); ++b) {
+    for (std::size_t a = 0; a < b && parts[b].robot >= 0; ++a) {
+      const Part &one = parts[a], &other = parts[b];
+      const bool self = one.robot == other.robot;
+      if (one.body.empty() || other.body.empty() || (!one.moves && !other.moves)) continue;
+      if (std::ranges::find(without, std::pair(a, b)) != without.end()) continue;
+      if (self && are_neighbours(model(other.robot), one, other)) continue;
+      pairs.push_back({a, b, self, self ? common_of(model(other.robot), one.link, other.link) : -1});
+    }
+  }
+}
+
+void Cell::place(Part& part, const Pose& X_W) {
+  part.X_W = X_W;
+  part.middle = X_W * part.body.middle();
+}
+
+void Cell::place(int robot, const Pose& X_WB, std::span<const Pose> X_WL) {
+  for (Part& part : of(robot)) place(part, part.link < 0 ? X_WB : X_WL[static_cast<std::size_t>(part.link)]);
+}
+
+Distance Cell::distance(const Pair& pair, double most, double& bound) {
+  const Part &a = parts[pair.a], &b = parts[pair.b];
+  bound = (b.middle - a.middle).norm() - a.body.radius() - b.body.radius();
+  if (bound > most) return {};
+  const Distance found = finder_.find(a.body, a.X_W, b.body, b.X_W, most);
+  bound = std::min(found.d, most);
+  return found;
+}
+
+double Cell::way(const Part& part, int from, std::span<const double> q, std::span<const double> moved, double& reach) const {
+  const robot::RobotModel& robot = model(part.robot);
+  double way = 0;
+  const auto of_body = [&](std::size_t body) {
+    return std::abs(scene::rate_of(robot, body)) * moved[static_cast<std::size_t>(robot.leader_of(static_cast<int>(body)))];
+  };
+  reach = for_each_lever(
+      robot, part.link, from, part.body.reach(),
+      [&](std::size_t body, const robot::Joint&) { return std::abs(scene::position_of(robot, body, q)) + of_body(body); },
+      [&](std::size_t body, const robot::Joint&, double lever) { way += of_body(body) * lever; });
+  return way;
+}
+
+}  // namespace cotwin::collision

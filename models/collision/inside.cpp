@@ -1,0 +1,127 @@
+// Closed meshes of bodies, and what is inside them.
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numeric>
+
+#include "models/collision/body.h"
+
+namespace cotwin::collision {
+
+using Eigen::Vector3d;
+
+/// Finds the triangles that are joined at edges, and whether they close.
+void Body::find_meshes(std::span<const scene::Shape> shapes) {
+  struct Use {
+    std::array<double, 6> ends;  // in the body, the lesser one first
+    int direction;
+    std::uint32_t piece;
+  };
+  std::vector<Use> uses;
+  closed_.assign(shapes.size(), Closed::kNo);
+  groups_.resize(shapes.size());
+  std::iota(groups_.begin(), groups_.end(), 0U);
+  for (std::uint32_t k = 0; k < shapes.size(); ++k) {
+    if (shapes[k].type != scene::ShapeType::kTriangle) continue;
+    closed_[k] = Closed::kOriented;
+    for (std::size_t i = 0; i < 3; ++i) {
+      std::array<Vector3d, 2> ends{shapes[k].X_BS * shapes[k].vertices[i], shapes[k].X_BS * shapes[k].vertices[(i + 1) % 3]};
+      const bool turned = std::ranges::lexicographical_compare(ends[1], ends[0]);
+      if (turned) std::swap(ends[0], ends[1]);
+      uses.push_back({{ends[0].x(), ends[0].y(), ends[0].z(), ends[1].x(), ends[1].y(), ends[1].z()}, turned ? -1 : 1, k});
+    }
+  }
+  if (uses.empty()) return;
+  std::ranges::sort(uses, {}, &Use::ends);
+  const auto first_of = [this](std::uint32_t k) {
+    while (groups_[k] != k) k = groups_[k] = groups_[groups_[k]];
+    return k;
+  };
+  // First which triangles are joined, then which edges of a mesh are open.
+  for (const bool judge : {false, true}) {
+    for (auto begin = uses.begin(); begin != uses.end();) {
+      const auto end = std::find_if(begin, uses.end(), [&](const Use& use) { return use.ends != begin->ends; });
+      int around = 0;
+      for (auto use = begin; use != end; ++use) {
+        around += use->direction;
+        const std::uint32_t one = first_of(begin->piece), other = first_of(use->piece);
+        groups_[std::max(one, other)] = std::min(one, other);
+      }
+      Closed& closed = closed_[first_of(begin->piece)];
+      if (judge && around != 0 && closed == Closed::kOriented) closed = Closed::kEven;
+      if (judge && (end - begin) % 2 != 0) closed = Closed::kNo;
+      begin = end;
+    }
+  }
+  prisms_.resize(shapes.size());
+  for (std::uint32_t k = 0; k < shapes.size(); ++k) {
+    groups_[k] = first_of(k);
+    if (shapes[k].type != scene::ShapeType::kTriangle) continue;
+    closed_[k] = closed_[groups_[k]];
+    (closed_[k] == Closed::kNo ? open_ : bounds_) = true;
+    if (closed_[k] != Closed::kNo) prisms_[k] = make_convex(shapes[k]);
+  }
+}
+
+/// Counts the triangles below a node that the ray from p along d crosses [Möller, Trumbore 1997].
+void Body::cross(const Vector3d& p, const Vector3d& d, std::int32_t at, Crossings& crossings) const {
+  const Node& node = nodes_[static_cast<std::size_t>(at)];
+  const Vector3d one = (node.middle - node.half - p).cwiseQuotient(d), other = (node.middle + node.half - p).cwiseQuotient(d);
+  if (std::max(one.cwiseMin(other).maxCoeff(), 0.0) > one.cwiseMax(other).minCoeff()) return;
+  if (node.left >= 0) {
+    cross(p, d, node.left, crossings);
+    cross(p, d, node.right, crossings);
+    return;
+  }
+  const Closed closed = closed_[node.piece];
+  if (closed == Closed::kNo) return;
+  const Convex& c = pieces_[node.piece];
+  const std::vector<Vector3d>& corners = c.polytope.vertices;
+  const Vector3d u = corners[1] - corners[0], v = corners[2] - corners[0];
+  const Vector3d d_C = c.X_BC.R.transpose() * d, from = c.X_BC.R.transpose() * (p - c.X_BC.p) - corners[0];
+  const Vector3d across = d_C.cross(v), up = from.cross(u);
+  const double det = u.dot(across), a = from.dot(across) / det, b = d_C.dot(up) / det, way = v.dot(up) / det;
+  constexpr double kEdge = 1e-9;  // of the triangle: nearer to an edge another ray is cast
+  const double within = std::min({a, b, 1 - a - b});
+  if (within < -kEdge || way < 0) return;
+  crossings.certain = crossings.certain && within > kEdge;
+  (closed == Closed::kOriented ? crossings.around : crossings.all) += det < 0 ? 1 : -1;
+}
+
+bool Body::contains(const Vector3d& p) const {
+  if (!bounds_ || ((p - nodes_.back().middle).cwiseAbs() - nodes_.back().half).maxCoeff() > 0) return false;
+  // Towards a side that is near, never along an axis.
+  static const std::array<Vector3d, 4> kDirections{Vector3d(0.5217, 0.6131, 0.5932), Vector3d(0.7321, 0.3719, 0.5707),
+                                                   Vector3d(0.3907, 0.5303, 0.7523), Vector3d(0.6029, 0.7417, 0.2939)};
+  const Vector3d side = (p - nodes_.back().middle).unaryExpr([](double x) { return x < 0 ? -1.0 : 1.0; });
+  Crossings crossings;
+  for (const Vector3d& direction : kDirections) {
+    crossings = {};
+    cross(p, direction.cwiseProduct(side), static_cast<std::int32_t>(nodes_.size()) - 1, crossings);
+    if (crossings.certain) break;
+  }
+  return crossings.around != 0 || crossings.all % 2 != 0;
+}
+
+void Finder::find_inside(const Body& a, const Pose& X_WA, const Body& b, const Pose& X_WB, double most, Distance& best) {
+  for (std::uint32_t k = 0; k < b.pieces_.size(); ++k) {
+    const Convex& piece = b.pieces_[k];
+    if (b.groups_[k] != k || b.present_[k] == 0 || piece.core == Core::kPlane) continue;
+    const bool corners = !piece.polytope.vertices.empty();  // the middle of a polytope may be outside of it
+    const Vector3d p_B = corners ? Vector3d(piece.X_BC * piece.polytope.vertices[0]) : piece.X_BC.p;
+    if (!a.contains(X_WA.inverse() * (X_WB * p_B))) continue;
+    const Distance way = nearest(a, X_WA, b, X_WB, scene::kInfinity, k);
+    if (!(way.d > 0 && way.d < scene::kInfinity)) continue;  // it touches the surface, and was found
+    double depth = 0;                                        // of the part's far side below the surface
+    for (std::uint32_t j = k; j < b.pieces_.size(); ++j) {
+      const Convex& own = b.pieces_[j];
+      if (b.groups_[j] != k) continue;
+      const Placed placed{&own, X_WB.R * own.X_BC.R, X_WB * own.X_BC.p};
+      depth = std::max(depth, (support(placed, way.n) - way.p_a).dot(way.n) + own.round);
+    }
+    if (-depth <= most && -depth < best.d) best = {-depth, -way.n, way.p_a, way.p_a + depth * way.n};
+  }
+}
+
+}  // namespace cotwin::collision
