@@ -3,6 +3,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <utility>
 
@@ -45,47 +46,114 @@ MinkowskiDiff<Magnified> difference(const Magnified& A, const Magnified& B) {
   return difference;
 }
 
-/// On A and on B, of the simplex in which a successful search ended.
-std::pair<Vector3d, Vector3d> nearest_points(const GJK<Magnified>& gjk, const MinkowskiDiff<Magnified>& shape) {
-  std::pair<Vector3d, Vector3d> points{Vector3d::Zero(), Vector3d::Zero()};
-  for (U i = 0; i < gjk.m_simplex->rank; ++i) {
-    points.first += gjk.m_simplex->p[i] * from_bullet(shape.Support(gjk.m_simplex->c[i]->d, 0));
-    points.second += gjk.m_simplex->p[i] * from_bullet(shape.Support(-gjk.m_simplex->c[i]->d, 1));
-  }
-  return points;
-}
-
 double size_of(const Placed& a, const Placed& b) { return a.convex->extent.norm() + b.convex->extent.norm(); }
+
+/// The points of a simplex in the Minkowski difference b − a, and the one of them that is nearest to the origin.
+class Simplex {
+ public:
+  /// Returns false if the point is among them.
+  bool add(const Vector3d& w, const Vector3d& on_b) {
+    for (int k = 0; k < count_; ++k)
+      if (w_[k] == w) return false;
+    w_[count_] = w;
+    on_b_[count_++] = on_b;
+    return true;
+  }
+  /// Leaves the vertices whose convex hull has the nearest point in its inside; false if that is the origin, inside of four.
+  bool reduce() {
+    square_ = scene::kInfinity;
+    bool outside = count_ < 4;
+    if (count_ == 1) take(0, 1);
+    if (count_ == 2) try_segment(0, 1);
+    if (count_ == 3) try_triangle(0, 1, 2);
+    if (count_ == 4) {
+      for (const auto& [i, j, k, l] : {std::array{0, 1, 2, 3}, {0, 3, 1, 2}, {0, 2, 3, 1}, {1, 3, 2, 0}}) {
+        const Vector3d n = (w_[j] - w_[i]).cross(w_[k] - w_[i]);
+        if (n.dot(w_[i]) * n.dot(w_[l] - w_[i]) < 0) continue;  // the origin is on the side of l
+        outside = true;
+        try_triangle(i, j, k);
+      }
+    }
+    int kept = 0;
+    for (int k = 0; k < count_; ++k) {
+      if (!(weights_[k] > 0)) continue;
+      w_[kept] = w_[k];
+      on_b_[kept] = on_b_[k];
+      weights_[kept++] = weights_[k];
+    }
+    count_ = kept;
+    return outside;
+  }
+  const Vector3d& nearest() const { return nearest_; }
+  Vector3d on_b() const {
+    Vector3d p = Vector3d::Zero();
+    for (int k = 0; k < count_; ++k) p += weights_[k] * on_b_[k];
+    return p;
+  }
+
+ private:
+  void take(int i, double u, int j = 0, double v = 0, int k = 0, double w = 0) {
+    const Vector3d p = u * w_[i] + v * w_[j] + w * w_[k];
+    if (!(p.squaredNorm() < square_)) return;
+    square_ = p.squaredNorm();
+    nearest_ = p;
+    weights_ = {};
+    weights_[i] += u;
+    weights_[j] += v;
+    weights_[k] += w;
+  }
+  void try_segment(int i, int j) {
+    const Vector3d along = w_[j] - w_[i];
+    const double t = std::clamp(-w_[i].dot(along) / along.squaredNorm(), 0.0, 1.0);
+    take(i, 1 - t, j, t);
+  }
+  void try_triangle(int i, int j, int k) {
+    const Vector3d n = (w_[j] - w_[i]).cross(w_[k] - w_[i]);
+    const double u = n.dot(w_[j].cross(w_[k])), v = n.dot(w_[k].cross(w_[i])), w = n.dot(w_[i].cross(w_[j]));
+    if (u > 0 && v > 0 && w > 0) return take(i, u / (u + v + w), j, v / (u + v + w), k, w / (u + v + w));
+    if (u <= 0) try_segment(j, k);
+    if (v <= 0) try_segment(k, i);
+    if (w <= 0) try_segment(i, j);
+  }
+
+  std::array<Vector3d, 4> w_, on_b_;
+  std::array<double, 4> weights_{};
+  Vector3d nearest_ = Vector3d::Zero();
+  double square_ = 0;
+  int count_ = 0;
+};
 
 }  // namespace
 
-Separation approach(const Placed& a, const Placed& b, const Separation& start, double left, double& upper) {
-  const double margin = std::max(0.0, start.gap - left);
-  const double scale = margin > 0 ? 1 / left : 1e3 / size_of(a, b);
-  const Magnified A(a, Vector3d::Zero(), scale), B(b, Vector3d::Zero(), scale, margin);
-  const MinkowskiDiff<Magnified> shape = difference(A, B);
-  GJK<Magnified> gjk(A, B);
-  if (gjk.Evaluate(shape, to_bullet(-start.n)) != eGjkValid) return start;
-  const auto [p_a, p_b] = nearest_points(gjk, shape);
-  const Vector3d n = (p_b - p_a).stableNormalized();
-  Vector3d on_a = p_a / scale, on_b = p_b / scale;
-  if (margin > 0) {
-    on_a = on_b = Vector3d::Zero();
-    for (U i = 0; i < gjk.m_simplex->rank; ++i) {
-      const Vector3d d = from_bullet(gjk.m_simplex->c[i]->d);
-      on_a += gjk.m_simplex->p[i] * support(a, d);
-      on_b += gjk.m_simplex->p[i] * support(b, -d);
+Separation gjk(const Placed& a, const Placed& b, const Vector3d& n, double enough, double& upper) {
+  constexpr double kRounding = 1e-15;  // of the size
+  constexpr int kMost = 100;
+  const double size = size_of(a, b), rounding = kRounding * size;
+  Separation best;
+  best.gap = -scene::kInfinity;
+  upper = scene::kInfinity;
+  Simplex simplex;
+  Vector3d direction = n;
+  for (int round = 0; round < kMost; ++round) {
+    const Vector3d on_b = support(b, -direction), w = on_b - support(a, direction);
+    const double gap = direction.dot(w);
+    if (gap > best.gap) best.n = direction, best.gap = gap;
+    if (best.gap > enough || upper - best.gap <= rounding || !simplex.add(w, on_b)) break;
+    const bool outside = simplex.reduce();
+    const double length = simplex.nearest().norm();
+    if (!outside || length <= 10 * rounding) {
+      upper = 0;
+      break;
     }
+    if (!(length < upper)) break;  // as far as rounding allows
+    upper = length;
+    direction = simplex.nearest() / length;
+    best.p_b = simplex.on_b();
   }
-  upper = (on_b - on_a).norm();
-  const double gap = gap_along(a, b, n);
-  return gap > start.gap ? Separation{n, gap, on_b} : start;
+  return best;
 }
 
 Separation climb(const Placed& a, const Placed& b, const Separation& start) {
-  // The cores are moved to a distance of 10⁻⁵ of their size, which is scaled to 1. Bullet's relative error of 10⁻⁴ is then 10⁻⁹
-  // of the size; the error of the gap is smaller still, because the distance is stationary in n. The first round measures
-  // separated cores where they are.
   const double size = size_of(a, b), apart = 1e-5 * size;
   constexpr int kRounds = 8;
   constexpr double kSame = 1e-12, kNear = 1e-10;  // of the size
@@ -93,18 +161,12 @@ Separation climb(const Placed& a, const Placed& b, const Separation& start) {
   best.p_b = support(b, -start.n);
   for (int round = 0; round < kRounds; ++round) {
     const bool as_it_is = round == 0 && now.gap > apart;
-    const double moved = as_it_is ? 0 : apart - now.gap, scale = 1 / (now.gap + moved);
-    const Magnified A(a, Vector3d::Zero(), scale), B(b, now.n * moved, scale);
-    const MinkowskiDiff<Magnified> shape = difference(A, B);
-    GJK<Magnified> gjk(A, B);
-    if (gjk.Evaluate(shape, to_bullet(-now.n)) != eGjkValid) break;
-    const auto [p_a, p_b] = nearest_points(gjk, shape);
-    const double length = (p_b - p_a).norm();
-    if (!(length > 1e-3)) break;  // the scaled distance is at least 1
-    const Vector3d n = (p_b - p_a) / length;
+    const Vector3d shift = now.n * (as_it_is ? 0 : apart - now.gap);
+    double upper = 0;
+    const Separation found = gjk(a, {b.convex, b.R, b.p + shift}, now.n, scene::kInfinity, upper);
+    if (!(upper > 0)) break;
     const double before = now.gap;
-    now = {n, 0, p_b / scale - now.n * moved};
-    now.gap = gap_along(a, b, now.n);
+    now = {found.n, gap_along(a, b, found.n), found.p_b - shift};
     if (now.gap >= best.gap - kNear * size) best.p_b = now.p_b;
     if (now.gap > best.gap) best = now;
     if (std::abs(now.gap - before) <= kSame * size) break;

@@ -22,24 +22,11 @@ Distance along(const Separation& s, double round_a, double round_b) {
 
 /// Of cores without a closed form.
 Separation of_cores(const Placed& a, const Placed& b, double most, Feature& scratch) {
-  Separation s;
   const Vector3d way = b.p - a.p;
-  if (way.norm() > 0) s.n = way.normalized();
-  s.gap = gap_along(a, b, s.n);
-  s.p_b = support(b, -s.n);
+  double upper = 0;
   const double size = a.convex->extent.norm() + b.convex->extent.norm();
   const double enough = most + kSameDistance * (size + std::abs(most));
-  for (const double left : {scene::kInfinity, 1e-4, 1e-6, 1e-8, 1e-8}) {
-    if (s.gap > enough) return s;
-    double upper = scene::kInfinity;
-    s = approach(a, b, s, left * size, upper);
-    if (!(s.gap > 0)) break;
-    if (s.gap > enough || upper - s.gap <= kSameDistance * size) return s;
-    bool certain = false;
-    const Separation refined = refine(a, b, s, certain, scratch);
-    if (certain) return refined;
-    if (refined.gap > s.gap) s = {refined.n, refined.gap, s.p_b};
-  }
+  Separation s = gjk(a, b, way.norm() > 0 ? Vector3d(way.normalized()) : Vector3d::UnitZ(), enough, upper);
   if (s.gap > 0) return s;
   // They intersect, or nearly so.
   if (few_edges(a, b)) {

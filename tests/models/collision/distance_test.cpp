@@ -207,7 +207,7 @@ TEST(Distance, OfEachPairOfShapesIsHeldByTwoPointsAndAPlane) {
     const Pose X_a = random.pose(0.2), X_b = random.pose(1.5);
     const Distance found = measure(a, X_a, b, X_b);
     if (found.d <= 1e-6) continue;
-    SCOPED_TRACE(k);
+    SCOPED_TRACE(std::to_string(k) + " at " + std::to_string(found.d) + " m");
     EXPECT_NEAR(outside(a, X_a, found.p_a), 0, 1e-6);
     EXPECT_NEAR(outside(b, X_b, found.p_b), 0, 1e-6);
     const Convex A = make_convex(a), B = make_convex(b);
