@@ -67,9 +67,12 @@ class Simplex {
     if (count_ == 2) try_segment(0, 1);
     if (count_ == 3) try_triangle(0, 1, 2);
     if (count_ == 4) {
+      constexpr double kFlat = 1e-10;  // of the edges: rounding decides on which side of a face the origin is
+      const Vector3d x = w_[1] - w_[0], y = w_[2] - w_[0], z = w_[3] - w_[0];
+      const bool flat = std::abs(x.cross(y).dot(z)) <= kFlat * x.norm() * y.norm() * z.norm();
       for (const auto& [i, j, k, l] : {std::array{0, 1, 2, 3}, {0, 3, 1, 2}, {0, 2, 3, 1}, {1, 3, 2, 0}}) {
         const Vector3d n = (w_[j] - w_[i]).cross(w_[k] - w_[i]);
-        if (n.dot(w_[i]) * n.dot(w_[l] - w_[i]) < 0) continue;  // the origin is on the side of l
+        if (!flat && n.dot(w_[i]) * n.dot(w_[l] - w_[i]) < 0) continue;  // the origin is on the side of l
         outside = true;
         try_triangle(i, j, k);
       }
@@ -142,7 +145,7 @@ Separation gjk(const Placed& a, const Placed& b, const Vector3d& n, double enoug
     const bool outside = simplex.reduce();
     const double length = simplex.nearest().norm();
     if (!outside || length <= 10 * rounding) {
-      upper = 0;
+      if (!(best.gap > 0)) upper = 0;
       break;
     }
     if (!(length < upper)) break;  // as far as rounding allows
