@@ -25,7 +25,7 @@ install(DIRECTORY docs DESTINATION share/doc/cotwin COMPONENT cotwin FILES_MATCH
 set(copyright ${CMAKE_BINARY_DIR}/generated/copyright)
 file(READ LICENSE text)
 string(PREPEND text "Cotwin is licensed under the Apache License, Version 2.0. Its programs contain code of the packages after it.\n\n")
-foreach(package IN ITEMS libsundials-dev libeigen3-dev libbullet-dev nlohmann-json3-dev libcli11-dev)
+foreach(package IN ITEMS libsundials-dev libeigen3-dev nlohmann-json3-dev libcli11-dev)
   if(EXISTS /usr/share/doc/${package}/copyright)
     file(READ /usr/share/doc/${package}/copyright part)
     string(APPEND text "\n======== ${package} ========\n\n${part}")

@@ -1,5 +1,4 @@
-// The searches use Bullet. Its GJK and EPA are header-only templates; no library is linked.
-#include <BulletCollision/NarrowPhaseCollision/btGjkEpa3.h>
+#include "models/collision/gjk.h"
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -7,44 +6,11 @@
 #include <cmath>
 #include <utility>
 
-#include "models/collision/gjk.h"
-
 namespace cotwin::collision {
 
 namespace {
 
 using Eigen::Vector3d;
-
-btVector3 to_bullet(const Vector3d& v) { return {v.x(), v.y(), v.z()}; }
-Vector3d from_bullet(const btVector3& v) { return {v.x(), v.y(), v.z()}; }
-
-/// Convex set in the form that Bullet's templates expect: the core, translated and scaled. Bullet's tolerances are 10⁻⁴,
-/// absolute and relative to the distance; the caller chooses translation and scale so that neither matters.
-class Magnified {
- public:
-  Magnified(const Placed& piece, const Vector3d& shift, double scale, double margin = 0)
-      : piece_(piece), shift_(shift), scale_(scale), margin_(margin) {}
-  btVector3 getLocalSupportWithMargin(const btVector3& d) const {
-    Vector3d p = support(piece_, from_bullet(d)) + shift_;
-    if (margin_ > 0) p += from_bullet(d).normalized() * margin_;
-    return to_bullet(p * scale_);
-  }
-
- private:
-  const Placed& piece_;
-  const Vector3d shift_;
-  const double scale_, margin_;  // margin: m, of a ball by which the core is grown
-};
-
-/// The Minkowski difference of A and B. (btGjkEpaSolver3_Distance would create one itself, but leaves one of its flags
-/// uninitialised.)
-MinkowskiDiff<Magnified> difference(const Magnified& A, const Magnified& B) {
-  MinkowskiDiff<Magnified> difference(A, B);
-  difference.EnableMargin(false);
-  difference.m_toshape0.setIdentity();
-  difference.m_toshape1.setIdentity();
-  return difference;
-}
 
 double size_of(const Placed& a, const Placed& b) { return a.convex->extent.norm() + b.convex->extent.norm(); }
 
@@ -77,6 +43,7 @@ class Simplex {
         try_triangle(i, j, k);
       }
     }
+    if (!outside) return false;
     int kept = 0;
     for (int k = 0; k < count_; ++k) {
       if (!(weights_[k] > 0)) continue;
@@ -85,9 +52,11 @@ class Simplex {
       weights_[kept++] = weights_[k];
     }
     count_ = kept;
-    return outside;
+    return true;
   }
   const Vector3d& nearest() const { return nearest_; }
+  int count() const { return count_; }
+  const Vector3d& vertex(int k) const { return w_[k]; }
   Vector3d on_b() const {
     Vector3d p = Vector3d::Zero();
     for (int k = 0; k < count_; ++k) p += weights_[k] * on_b_[k];
@@ -126,16 +95,14 @@ class Simplex {
   int count_ = 0;
 };
 
-}  // namespace
-
-Separation gjk(const Placed& a, const Placed& b, const Vector3d& n, double enough, double& upper) {
+/// gjk(), with the simplex in which it ends.
+Separation search(const Placed& a, const Placed& b, const Vector3d& n, double enough, double& upper, Simplex& simplex) {
   constexpr double kRounding = 1e-15;  // of the size
   constexpr int kMost = 100;
   const double size = size_of(a, b), rounding = kRounding * size;
   Separation best;
   best.gap = -scene::kInfinity;
   upper = scene::kInfinity;
-  Simplex simplex;
   Vector3d direction = n;
   for (int round = 0; round < kMost; ++round) {
     const Vector3d on_b = support(b, -direction), w = on_b - support(a, direction);
@@ -154,6 +121,13 @@ Separation gjk(const Placed& a, const Placed& b, const Vector3d& n, double enoug
     best.p_b = simplex.on_b();
   }
   return best;
+}
+
+}  // namespace
+
+Separation gjk(const Placed& a, const Placed& b, const Vector3d& n, double enough, double& upper) {
+  Simplex simplex;
+  return search(a, b, n, enough, upper, simplex);
 }
 
 Separation climb(const Placed& a, const Placed& b, const Separation& start) {
@@ -178,17 +152,63 @@ Separation climb(const Placed& a, const Placed& b, const Separation& start) {
 }
 
 Separation expand(const Placed& a, const Placed& b, const Separation& start) {
-  const double scale = 1e3 / size_of(a, b);  // EPA's tolerance of 10⁻⁴ is then 10⁻⁷ of the size
-  const Magnified A(a, Vector3d::Zero(), scale), B(b, Vector3d::Zero(), scale);
-  GJK<Magnified> gjk(A, B);
-  if (gjk.Evaluate(difference(A, B), to_bullet(-start.n)) != eGjkInside) return start;
-  EPA<Magnified> epa;
-  if (epa.Evaluate(gjk, to_bullet(-start.n)) == eEpaFailed) return start;
-  const Vector3d n = from_bullet(epa.m_normal);
-  if (!(std::abs(n.squaredNorm() - 1) < 1e-6)) return start;
-  const double gap = gap_along(a, b, n);
-  if (!(gap > start.gap)) return start;
-  return {n.normalized(), gap, support(b, -n)};
+  constexpr int kMost = 64;  // vertices
+  const double almost = 1e-9 * size_of(a, b), rounding = 1e-12 * size_of(a, b);
+  struct Face {
+    std::array<int, 3> v;
+    Vector3d n = Vector3d::UnitZ();  // outwards
+    double d = -1;
+  };
+  Simplex simplex;
+  double upper = 0;
+  (void)search(a, b, start.n, scene::kInfinity, upper, simplex);
+  if (upper > 0 || simplex.count() < 4) return start;
+  std::array<Vector3d, kMost> w;
+  std::array<Face, 2 * kMost> faces;
+  std::array<std::array<int, 2>, 6 * kMost> edges;
+  int vertices = 0, count = 0;
+  for (; vertices < 4; ++vertices) w[vertices] = simplex.vertex(vertices);
+  bool degenerate = false;
+  const auto add = [&](int i, int j, int k) {
+    const Vector3d across = (w[j] - w[i]).cross(w[k] - w[i]);
+    const double length = across.norm();
+    degenerate = degenerate || !(length > 0);
+    const Vector3d n = across / length;
+    faces[count++] = {{i, j, k}, n, n.dot(w[i])};
+  };
+  if ((w[1] - w[0]).cross(w[2] - w[0]).dot(w[3] - w[0]) > 0) std::swap(w[1], w[2]);
+  for (const auto& [i, j, k] : {std::array{0, 1, 2}, {0, 3, 1}, {0, 2, 3}, {1, 3, 2}}) add(i, j, k);
+  Separation found = start;
+  while (!degenerate) {
+    const Face best = *std::min_element(faces.begin(), faces.begin() + count,
+                                        [](const Face& one, const Face& other) { return one.d < other.d; });
+    const Vector3d on_b = support(b, best.n), farthest = on_b - support(a, -best.n);
+    const double depth = best.n.dot(farthest);
+    if (-depth > found.gap) found = {-best.n, -depth, on_b};
+    if (depth - best.d <= almost || vertices == kMost) break;
+    // The faces that it sees are replaced by those from their border to it.
+    int left = 0, border = 0;
+    for (int f = 0; f < count; ++f) {
+      if (!(faces[f].n.dot(farthest) > faces[f].d + rounding)) {
+        faces[left++] = faces[f];
+        continue;
+      }
+      for (int e = 0; e < 3; ++e) {
+        const std::array<int, 2> edge{faces[f].v[e], faces[f].v[(e + 1) % 3]}, back{edge[1], edge[0]};
+        const auto end = edges.begin() + border, known = std::find(edges.begin(), end, back);
+        if (known == end)
+          edges[border++] = edge;
+        else
+          *known = edges[--border];
+      }
+    }
+    count = left;
+    if (count + border > 2 * kMost) break;
+    w[vertices] = farthest;
+    for (int e = 0; e < border; ++e) add(edges[e][0], edges[e][1], vertices);
+    ++vertices;
+  }
+  return found;
 }
 
 }  // namespace cotwin::collision
