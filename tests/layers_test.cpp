@@ -184,6 +184,7 @@ const std::map<std::string, std::vector<std::string>> kRooms = {
                 "services",
                 "results",
                 "report",
+                "scenery",
                 "workflows/starter",
                 "workflows/tuning",
                 "workflows",

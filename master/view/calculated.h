@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "master/view/recorded.h"
+#include "master/scenery/recorded.h"
 #include "models/robot/robot_model.h"
 
 /// What a page shows beside the recording: ellipsoids of a robot's tip along the recorded motion.

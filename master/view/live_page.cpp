@@ -6,9 +6,9 @@
 #include <optional>
 #include <utility>
 
+#include "master/scenery/recorded.h"
+#include "master/scenery/scenery.h"
 #include "master/view/packer.h"
-#include "master/view/recorded.h"
-#include "master/view/stage.h"
 #include "master/view/stage_json.h"
 #include "master/view/view.h"
 #include "models/foundation/support/error.h"
@@ -107,7 +107,7 @@ class LivePage final : public bus::RunPage {
  private:
   std::string make(const bus::LiveRun& run) const {
     const Recorded recorded = signals_of(run);
-    const Stage stage = stage_of(scenario_, recorded, types_, folders_);
+    const Scenery stage = scenery_of(scenario_, recorded, types_, folders_);
     std::vector<std::string> remarks = stage.remarks;
     Packer packer;
     CalculatedTable none;
@@ -130,7 +130,7 @@ class LivePage final : public bus::RunPage {
   }
 
   /// What the scenario reports, otherwise the joints of the robots.
-  Json plots(const Stage& stage, const Recorded& recorded) const {
+  Json plots(const Scenery& stage, const Recorded& recorded) const {
     std::vector<std::string> names = first_plots(&scenario_, {});
     for (const StagedRobot& robot : stage.robots) {
       for (const StagedTrack& track : robot.tracks) names.push_back(track.signal);

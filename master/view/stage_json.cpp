@@ -60,7 +60,7 @@ class Writer {
   Json forces_json() const;
   Json energy_json() const;
 
-  const Stage& stage_;
+  const Scenery& stage_;
   const Recorded& recorded_;
   const StageContent& content_;
   const std::vector<std::size_t>& rows_;

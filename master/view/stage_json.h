@@ -8,9 +8,9 @@
 
 #include "components/unit/unit_table.h"
 #include "master/scenario/scenario.h"
+#include "master/scenery/recorded.h"
+#include "master/scenery/scenery.h"
 #include "master/view/packer.h"
-#include "master/view/recorded.h"
-#include "master/view/stage.h"
 
 namespace cotwin::master {
 
@@ -22,7 +22,7 @@ struct CalculatedTable {
 };
 
 struct StageContent {
-  const Stage& stage;
+  const Scenery& stage;
   const Recorded& recorded;
   const Scenario* scenario;  // nullptr: none
   std::span<const UnitType> types;

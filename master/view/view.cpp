@@ -13,10 +13,10 @@
 #include "master/engine/wiring/members.h"
 #include "master/results/results.h"
 #include "master/run/identity.h"
+#include "master/scenery/recorded.h"
+#include "master/scenery/scenery.h"
 #include "master/view/calculated.h"
 #include "master/view/packer.h"
-#include "master/view/recorded.h"
-#include "master/view/stage.h"
 #include "master/view/stage_json.h"
 #include "models/foundation/support/atomic_file.h"
 #include "models/foundation/support/error.h"
@@ -306,11 +306,11 @@ ViewSummary write_view(const ViewOptions& options, std::span<const UnitType> typ
 
   const std::optional<Scenario> scenario = find_scenario(options, results, types, remarks);
   const std::vector<fs::path> folders = options.model_folders(scenario ? scenario->folder : fs::path());
-  Stage stage;
+  Scenery stage;
   if (!options.robot.empty()) {
-    stage = stage_of(named_robot(options.robot, folders), staged);
+    stage = scenery_of(named_robot(options.robot, folders), staged);
   } else if (scenario) {
-    stage = stage_of(*scenario, staged, types, folders);
+    stage = scenery_of(*scenario, staged, types, folders);
   }
   remarks.insert(remarks.end(), stage.remarks.begin(), stage.remarks.end());
 

@@ -8,7 +8,7 @@
 
 #include "components/unit/unit_table.h"
 #include "master/scenario/scenario.h"
-#include "master/view/recorded.h"
+#include "master/scenery/recorded.h"
 #include "models/trajectory/columns.h"
 
 /// `cotwin view`: results as one HTML page that needs nothing else: robots, scene and contacts in 3D over time, with plots beside.

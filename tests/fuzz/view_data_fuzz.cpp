@@ -4,7 +4,7 @@
 #include <string>
 #include <string_view>
 
-#include "master/view/recorded.h"
+#include "master/scenery/recorded.h"
 #include "models/foundation/support/error.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {

@@ -9,7 +9,7 @@
 #include <thread>
 
 #include "master/engine/tools.h"
-#include "master/program/commands/clear_of.h"
+#include "master/workflows/clear_of.h"
 #include "master/program/commands/commands.h"
 #include "master/program/interrupt.h"
 #include "master/program/progress_line.h"

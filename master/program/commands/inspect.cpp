@@ -7,7 +7,7 @@
 #include <string>
 
 #include "fmu/check/check.h"
-#include "master/program/commands/clear_of.h"
+#include "master/workflows/clear_of.h"
 #include "master/program/commands/commands.h"
 #include "master/workflows/check.h"
 #include "models/foundation/support/error.h"
@@ -32,7 +32,7 @@ int check(const fs::path& file, const std::string& scene, const std::vector<std:
   if (!scene.empty()) {
     if (is_fmu(file)) throw Error("--clear-of", "is given with an FMU, expected a scenario");
     const bool wrong = std::ranges::any_of(findings, [](const auto& one) { return one.level == fmu::Finding::Level::kError; });
-    if (!wrong) std::ranges::move(check_clear(file, scene, bases), std::back_inserter(findings));
+    if (!wrong) std::ranges::move(check_clear(file, units(), scene, bases), std::back_inserter(findings));
     std::ranges::stable_sort(findings, {}, &fmu::Finding::level);
   }
   return fmu::write_findings(std::cout, findings) ? kExitDone : kExitBadInput;

@@ -12,7 +12,7 @@
 #include <thread>
 
 #include "master/view/calculated.h"
-#include "master/view/recorded.h"
+#include "master/scenery/recorded.h"
 #include "models/robot/frame_kinematics.h"
 #include "models/robot/urdf/urdf.h"
 #include "tests/support/files.h"

@@ -9,7 +9,7 @@
 #include <nlohmann/json.hpp>
 
 #include "master/results/results.h"
-#include "master/view/recorded.h"
+#include "master/scenery/recorded.h"
 #include "models/robot/frame_kinematics.h"
 #include "models/robot/urdf/urdf.h"
 #include "tests/support/files.h"

@@ -17,8 +17,8 @@
 #include "master/scenario/scenario.h"
 #include "master/view/calculated.h"
 #include "master/view/packer.h"
-#include "master/view/recorded.h"
-#include "master/view/stage.h"
+#include "master/scenery/recorded.h"
+#include "master/scenery/scenery.h"
 #include "master/view/stage_json.h"
 #include "models/foundation/support/error.h"
 #include "models/robot/indices.h"
@@ -305,7 +305,7 @@ TEST(ViewColumns, HaveAllThatPagesOfTheExamplesCanShow) {
     std::vector<std::pair<std::string, std::size_t>> kept;
     for (const Column& column : choose_view_columns(members)) kept.emplace_back(column.signal.name, column.signal.count);
     const auto page_of = [&](const Recorded& recorded) {
-      const Stage stage = stage_of(scenario, recorded, unit_types(), folders);
+      const Scenery stage = scenery_of(scenario, recorded, unit_types(), folders);
       CalculatedTable calculated;
       Packer packer;
       std::vector<std::string> remarks;
@@ -318,10 +318,10 @@ TEST(ViewColumns, HaveAllThatPagesOfTheExamplesCanShow) {
   EXPECT_GE(scenarios, 40u);
 }
 
-Stage stage_of_example(const std::string& file, const Recorded& recorded) {
+Scenery stage_of_example(const std::string& file, const Recorded& recorded) {
   const fs::path root = places::source();
   const Scenario scenario = load_scenario(root / "examples" / file);
-  return stage_of(scenario, recorded, unit_types(), {scenario.folder, root / "models"});
+  return scenery_of(scenario, recorded, unit_types(), {scenario.folder, root / "models"});
 }
 
 std::vector<std::string> words_of(const StagedRobot& robot) {
@@ -331,10 +331,10 @@ std::vector<std::string> words_of(const StagedRobot& robot) {
   return words;
 }
 
-TEST(Stage, ShowsTheDrivenRobotWithItsDesiredMotionAsAGhost) {
+TEST(Scenery, ShowsTheDrivenRobotWithItsDesiredMotionAsAGhost) {
   const Recorded recorded =
       recording_of({{"motion.q_d", 7}, {"drive.q", 7}, {"drive.tau_J", 7}, {"compliance.q_c", 7}, {"compliance.q", 7}});
-  const Stage stage = stage_of_example("02_free_motion_lwr4/twin.ssd", recorded);
+  const Scenery stage = stage_of_example("02_free_motion_lwr4/twin.ssd", recorded);
   ASSERT_EQ(stage.robots.size(), 1u);
   // compliance.q is connected to drive.q: it shows nothing else.
   EXPECT_THAT(words_of(stage.robots[0]), ElementsAre("main drive.q", "compliant compliance.q_c", "desired motion.q_d"));
@@ -343,8 +343,8 @@ TEST(Stage, ShowsTheDrivenRobotWithItsDesiredMotionAsAGhost) {
   EXPECT_THAT(stage.remarks, IsEmpty());
 }
 
-TEST(Stage, TellsWhatMustBeRecordedForARobotToMove) {
-  const Stage stage = stage_of_example("02_free_motion_lwr4/twin.ssd", recording_of({{"drive.q", 6}, {"drive.q[3]", 1}}));
+TEST(Scenery, TellsWhatMustBeRecordedForARobotToMove) {
+  const Scenery stage = stage_of_example("02_free_motion_lwr4/twin.ssd", recording_of({{"drive.q", 6}, {"drive.q[3]", 1}}));
   ASSERT_EQ(stage.robots.size(), 1u);
   EXPECT_THAT(stage.robots[0].tracks, IsEmpty());
   EXPECT_THAT(stage.remarks, ElementsAre(HasSubstr("6 elements of drive.q are recorded, the robot has 7 joints now")));
@@ -352,9 +352,9 @@ TEST(Stage, TellsWhatMustBeRecordedForARobotToMove) {
               ElementsAre(HasSubstr("no joint positions are recorded, so it stands still; record ")));
 }
 
-TEST(Stage, ShowsTwoRobotsAtTheirPlacesInAContactWorldWithItsBodies) {
+TEST(Scenery, ShowsTwoRobotsAtTheirPlacesInAContactWorldWithItsBodies) {
   const Recorded recorded = recording_of({{"world.left.q_link", 7}, {"world.right.q_link", 7}});
-  const Stage stage = stage_of_example("10_cooperation/clamping.ssd", recorded);
+  const Scenery stage = stage_of_example("10_cooperation/clamping.ssd", recorded);
   ASSERT_EQ(stage.robots.size(), 2u);
   for (const StagedRobot& robot : stage.robots) {
     EXPECT_TRUE(robot.in_world);
@@ -365,10 +365,10 @@ TEST(Stage, ShowsTwoRobotsAtTheirPlacesInAContactWorldWithItsBodies) {
   EXPECT_THAT(stage.worlds, ElementsAre("world"));
 }
 
-TEST(Stage, ShowsFloatingRobotsAtTheirPlaces) {
+TEST(Scenery, ShowsFloatingRobotsAtTheirPlaces) {
   const Recorded recorded =
       recording_of({{"rigid.q", 7}, {"rigid.base_p", 3}, {"rigid.base_quat", 4}, {"elastic.q", 7}, {"world.q", 7}});
-  const Stage stage = stage_of_example("21_reaction/reaction.ssd", recorded);
+  const Scenery stage = stage_of_example("21_reaction/reaction.ssd", recorded);
   ASSERT_EQ(stage.robots.size(), 3u);
   EXPECT_EQ(stage.robots[0].base.X_WB.p, Eigen::Vector3d(0, -2, 1));
   EXPECT_EQ(stage.robots[0].base.quat, "rigid.base_quat");
@@ -378,18 +378,18 @@ TEST(Stage, ShowsFloatingRobotsAtTheirPlaces) {
 }
 
 // The monitor's robots are those of the motions that it follows, at its places, and its person is that of the contact world.
-TEST(Stage, ShowsWhatAMonitorWatches) {
+TEST(Scenery, ShowsWhatAMonitorWatches) {
   const fs::path root = places::source();
   const Scenario scenario = load_scenario(root / "examples/20_safety_hulls/cell.ssd");
   const std::vector<fs::path> folders = {scenario.folder, root / "models"};
-  const auto page_of = [&](const Recorded& recorded, Stage& stage) {
-    stage = stage_of(scenario, recorded, unit_types(), folders);
+  const auto page_of = [&](const Recorded& recorded, Scenery& stage) {
+    stage = scenery_of(scenario, recorded, unit_types(), folders);
     CalculatedTable calculated;
     Packer packer;
     std::vector<std::string> remarks;
     return stage_json({stage, recorded, &scenario, unit_types(), folders}, {}, calculated, packer, remarks);
   };
-  Stage stage;
+  Scenery stage;
   const auto page = page_of(recording_of({{"left.q_d", 7},
                                           {"right.q_d", 6},
                                           {"floor.person.p", 3},
@@ -412,14 +412,14 @@ TEST(Stage, ShowsWhatAMonitorWatches) {
 }
 
 // Obstacles are where the monitor has them, also if a contact world knows them, whichever comes first.
-TEST(Stage, ShowsObstaclesWhereTheMonitorHasThem) {
+TEST(Scenery, ShowsObstaclesWhereTheMonitorHasThem) {
   const fs::path root = places::source();
   Scenario scenario = load_scenario(root / "examples/25_shared_cell/cell.ssd");
   const std::vector<fs::path> folders = {scenario.folder, root / "models"};
   const Recorded recorded =
       recording_of({{"drive.q", 7}, {"right.q_d", 6}, {"monitor.trolley.present", 1}, {"monitor.left.zone", 1}});
   for (int order = 0; order < 2; ++order) {
-    const Stage stage = stage_of(scenario, recorded, unit_types(), folders);
+    const Scenery stage = scenery_of(scenario, recorded, unit_types(), folders);
     EXPECT_THAT(stage.remarks, IsEmpty());
     CalculatedTable calculated;
     Packer packer;
@@ -442,21 +442,21 @@ TEST(Stage, ShowsObstaclesWhereTheMonitorHasThem) {
   }
 }
 
-TEST(Stage, PutsBodiesWhereTheScenarioPutsThem) {
-  const Stage stage = stage_of_example("04_peg_in_hole/twin.ssd", recording_of({{"robot.q", 7}}));
+TEST(Scenery, PutsBodiesWhereTheScenarioPutsThem) {
+  const Scenery stage = stage_of_example("04_peg_in_hole/twin.ssd", recording_of({{"robot.q", 7}}));
   ASSERT_EQ(stage.bodies.size(), 1u);
   EXPECT_EQ(stage.bodies[0].body.X_WB.p, Eigen::Vector3d(0.5008, 0.0495, -0.07));
 
   const fs::path root = places::source();
   Scenario scenario = load_scenario(root / "examples/04_peg_in_hole/twin.ssd");
   for (const char* value : {"world.plate.p0[2]=0.25", "world.plate.quat0=0 0 0 2"}) assign(scenario, value, unit_types());
-  const Pose pose = stage_of(scenario, {}, unit_types(), {scenario.folder, root / "models"}).bodies.at(0).body.X_WB;
+  const Pose pose = scenery_of(scenario, {}, unit_types(), {scenario.folder, root / "models"}).bodies.at(0).body.X_WB;
   EXPECT_EQ(pose.p, Eigen::Vector3d(0.5008, 0.25, -0.07));
   EXPECT_EQ(pose.R, Eigen::Matrix3d(Eigen::Vector3d(-1, -1, 1).asDiagonal()));
 }
 
 // Fig. 17b: a fixed cell and its free twin start at the same place, each in a contact world of its own.
-TEST(Stage, ShowsARobotOfAnotherWorldThatStartsAtTheSamePlaceAsAGhostWithItsOwnBase) {
+TEST(Scenery, ShowsARobotOfAnotherWorldThatStartsAtTheSamePlaceAsAGhostWithItsOwnBase) {
   const fs::path root = places::source();
   const Scenario scenario = load_scenario(root / "examples/24_satellite_servicing/servicing.ssd");
   const std::vector<fs::path> folders = {scenario.folder, root / "models"};
@@ -472,7 +472,7 @@ TEST(Stage, ShowsARobotOfAnotherWorldThatStartsAtTheSamePlaceAsAGhostWithItsOwnB
                                           {"fixed_world.grip.closed", 1},
                                           {"fixed_world.grip.p", 3},
                                           {"fixed_world.grip.f", 3}});
-  const Stage stage = stage_of(scenario, recorded, unit_types(), folders);
+  const Scenery stage = scenery_of(scenario, recorded, unit_types(), folders);
   ASSERT_EQ(stage.robots.size(), 1u);
   EXPECT_THAT(words_of(stage.robots[0]), ElementsAre("main free_world.q", "other fixed_world.q"));
   ASSERT_EQ(stage.bodies.size(), 8u);
@@ -493,18 +493,18 @@ TEST(Stage, ShowsARobotOfAnotherWorldThatStartsAtTheSamePlaceAsAGhostWithItsOwnB
 
   Scenario apart = scenario;
   assign(apart, "fixed_world.base_p0=0 3 0", unit_types());
-  const Stage two = stage_of(apart, recorded, unit_types(), folders);
+  const Scenery two = scenery_of(apart, recorded, unit_types(), folders);
   ASSERT_EQ(two.robots.size(), 2u);
   EXPECT_EQ(two.robots[1].base.X_WB.p, Eigen::Vector3d(0, 3, 0));
   EXPECT_TRUE(two.ghosts.empty());
 }
 
 // Fig. 14b: twins that follow the same desired motion are one robot with ghosts, also where each has a workpiece of its own.
-TEST(Stage, ShowsStiffAndCompliantMotionAsGhosts) {
-  const Stage own = stage_of_example("10_cooperation/ghosts.ssd", recording_of({{"compliant.q", 7}, {"stiff.q", 7}}));
+TEST(Scenery, ShowsStiffAndCompliantMotionAsGhosts) {
+  const Scenery own = stage_of_example("10_cooperation/ghosts.ssd", recording_of({{"compliant.q", 7}, {"stiff.q", 7}}));
   ASSERT_EQ(own.robots.size(), 1u);
   EXPECT_THAT(words_of(own.robots[0]), ElementsAre("main compliant.q", "other stiff.q"));
-  const Stage guided =
+  const Scenery guided =
       stage_of_example("10_cooperation/guidance.ssd", recording_of({{"robot.q", 7}, {"twin.q_c", 7}, {"motion.q_d", 7}}));
   ASSERT_EQ(guided.robots.size(), 1u);
   EXPECT_THAT(words_of(guided.robots[0]), ElementsAre("main robot.q", "compliant twin.q_c", "desired motion.q_d"));
@@ -512,7 +512,7 @@ TEST(Stage, ShowsStiffAndCompliantMotionAsGhosts) {
 }
 
 // A hand at a robot has its force in the robot's base, a hand that grips a body in W.
-TEST(Stage, ShowsTheForcesOfHandsAtRobotsAndBodies) {
+TEST(Scenery, ShowsTheForcesOfHandsAtRobotsAndBodies) {
   const fs::path root = places::source();
   const Scenario scenario = load_scenario(root / "examples/10_cooperation/guidance.ssd");
   const std::vector<fs::path> folders = {scenario.folder, root / "models"};
@@ -523,7 +523,7 @@ TEST(Stage, ShowsTheForcesOfHandsAtRobotsAndBodies) {
                                           {"block_hand.f", 3},
                                           {"world.block.p", 3},
                                           {"world.block.f", 3}});
-  const Stage stage = stage_of(scenario, recorded, unit_types(), folders);
+  const Scenery stage = scenery_of(scenario, recorded, unit_types(), folders);
   CalculatedTable calculated;
   Packer packer;
   std::vector<std::string> remarks;
@@ -535,13 +535,13 @@ TEST(Stage, ShowsTheForcesOfHandsAtRobotsAndBodies) {
   EXPECT_EQ(page.at("forces")[1].at("figure"), -1);
 }
 
-TEST(Stage, ShowsForcesOfLatchesAsThoseOfContacts) {
+TEST(Scenery, ShowsForcesOfLatchesAsThoseOfContacts) {
   const fs::path root = places::source();
   const Scenario scenario = load_scenario(root / "examples/23_latch/latch.ssd");
   const std::vector<fs::path> folders = {scenario.folder, root / "models"};
   const Recorded recorded = recording_of(
       {{"drive.q", 7}, {"world.grip.closed", 1}, {"world.grip.p", 3}, {"world.grip.f", 3}, {"world.other.closed", 1}});
-  const Stage stage = stage_of(scenario, recorded, unit_types(), folders);
+  const Scenery stage = scenery_of(scenario, recorded, unit_types(), folders);
   CalculatedTable calculated;
   Packer packer;
   std::vector<std::string> remarks;
@@ -551,7 +551,7 @@ TEST(Stage, ShowsForcesOfLatchesAsThoseOfContacts) {
   EXPECT_EQ(page.at("contacts")[0].at("f"), "world.grip.f");
 }
 
-TEST(Stage, ShowsToolsFromTheirMountingToTheirRemoval) {
+TEST(Scenery, ShowsToolsFromTheirMountingToTheirRemoval) {
   const fs::path root = places::source();
   Scenario scenario = load_scenario(root / "examples/02_free_motion_lwr4/twin.ssd");
   for (const char* tool :
@@ -562,7 +562,7 @@ TEST(Stage, ShowsToolsFromTheirMountingToTheirRemoval) {
   add_tool_event(scenario, false, "bit@3");
   const std::vector<fs::path> folders = {scenario.folder, root / "models"};
   const Recorded recorded = recording_of({{"drive.q", 7}});
-  const Stage stage = stage_of(scenario, recorded, unit_types(), folders);
+  const Scenery stage = scenery_of(scenario, recorded, unit_types(), folders);
   EXPECT_THAT(stage.remarks, ElementsAre(HasSubstr("tool 'lost' is not shown on robot drive: ")));
   const std::vector<StagedTool>& tools = stage.robots.at(0).tools;
   ASSERT_EQ(tools.size(), 3u);
@@ -599,10 +599,10 @@ TEST(Stage, ShowsToolsFromTheirMountingToTheirRemoval) {
   EXPECT_NEAR(box_of(shown[1]).size.prod() * 7850, 0.1, 1e-12);
 }
 
-TEST(Stage, OfARobotAloneTakesSignalsWithItsNumberOfJoints) {
+TEST(Scenery, OfARobotAloneTakesSignalsWithItsNumberOfJoints) {
   const auto model = std::make_shared<const robot::RobotModel>(
       robot::load_urdf(fs::path(places::source()) / "models/robots/planar2/robot.urdf"));
-  const Stage stage = stage_of({model, ""}, recording_of({{"q", 2}, {"twin.q_d", 2}, {"other.q", 3}}));
+  const Scenery stage = scenery_of({model, ""}, recording_of({{"q", 2}, {"twin.q_d", 2}, {"other.q", 3}}));
   ASSERT_EQ(stage.robots.size(), 1u);
   EXPECT_THAT(words_of(stage.robots[0]), ElementsAre("main q", "desired twin.q_d"));
 }

@@ -1,12 +1,12 @@
-#include "master/program/commands/clear_of.h"
+#include "master/workflows/clear_of.h"
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
 #include "master/engine/wiring/members.h"
-#include "master/program/commands/commands.h"
-#include "master/view/stage.h"
+#include "master/scenario/folders.h"
+#include "master/scenery/scenery.h"
 #include "models/foundation/support/choice.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
@@ -139,7 +139,7 @@ auto moved_by(const Mover& mover, std::vector<Standing>& robots) {
 }
 
 /// The robots of a stage, at the places of contact worlds and monitors, or those given. Those that a motion moves have its name.
-std::vector<Standing> stand(const Stage& stage, const std::vector<Mover>& movers, const std::vector<std::string>& bases) {
+std::vector<Standing> stand(const Scenery& stage, const std::vector<Mover>& movers, const std::vector<std::string>& bases) {
   std::vector<Standing> robots;
   for (const StagedRobot& robot : stage.robots) {
     Standing one{&robot, nullptr, robot.prefixes.front().substr(0, robot.prefixes.front().rfind('.')), "", {}};
@@ -175,7 +175,7 @@ bool is_twin(const Standing& one, const Standing& other) {
   return (one.mover != nullptr && one.mover == other.mover) || (same_place && !together);
 }
 
-collision::Stand stand_of(const Standing& one, const Stage& stage, const std::string& name, std::vector<std::string>& notes) {
+collision::Stand stand_of(const Standing& one, const Scenery& stage, const std::string& name, std::vector<std::string>& notes) {
   const StagedModel& model = stage.models[one.robot->model];
   collision::Stand stand{{name, *model.model, scene::hulls_of_urdf(model.urdf, *model.model)}, one.X_WB};
   for (const StagedTool& tool : one.robot->tools) {
@@ -196,7 +196,7 @@ std::string time_of(double t, const Mover& mover) {
 }
 
 /// What one motion comes near to, and what that rests on. The robots' motions go on until `until`.
-std::vector<fmu::Finding> judge(const Mover& mover, std::vector<Standing>& robots, const Stage& stage,
+std::vector<fmu::Finding> judge(const Mover& mover, std::vector<Standing>& robots, const Scenery& stage,
                                 const scene::Scene& scene, double until) {
   std::vector<fmu::Finding> findings;
   const auto note = [&](const std::string& what) { findings.push_back({Level::kNote, mover.name + ": " + what}); };
@@ -244,7 +244,8 @@ std::vector<fmu::Finding> judge(const Mover& mover, std::vector<Standing>& robot
 
 }  // namespace
 
-std::vector<fmu::Finding> check_clear(const fs::path& file, const std::string& name, const std::vector<std::string>& bases) {
+std::vector<fmu::Finding> check_clear(const fs::path& file, std::span<const UnitType> types, const std::string& name,
+                                      const std::vector<std::string>& bases) {
   constexpr double kLongest = 3600;  // s
   const Scenario scenario = load_scenario(file);
   const std::vector<fs::path> folders = model_folders(file.parent_path());
@@ -259,7 +260,7 @@ std::vector<fmu::Finding> check_clear(const fs::path& file, const std::string& n
     if (!is_unit(spec)) continue;
     if (spec.source.find("base=floating") != std::string::npos) text::append(floating, spec.name);
     if (parse_unit_source(spec.source).unit != "motion") continue;
-    Member member = load_member(spec, scenario, units(), folders, fmus);
+    Member member = load_member(spec, scenario, types, folders, fmus);
     apply(start_values(scenario, member), member.variables());
     if (member.variables().find("q_d") == nullptr) {
       poses = true;
@@ -271,7 +272,7 @@ std::vector<fmu::Finding> check_clear(const fs::path& file, const std::string& n
     signals.signals.push_back({spec.name + ".q_d", "", signals.columns.size(), n});
     signals.columns.resize(signals.columns.size() + n);
   }
-  const Stage stage = stage_of(scenario, signals, units(), folders);
+  const Scenery stage = scenery_of(scenario, signals, types, folders);
   std::vector<Standing> robots = stand(stage, movers, bases);
   std::string places;
   for (const Standing& one : robots) {

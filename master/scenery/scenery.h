@@ -10,7 +10,7 @@
 
 #include "components/unit/unit_table.h"
 #include "master/scenario/scenario.h"
-#include "master/view/recorded.h"
+#include "master/scenery/recorded.h"
 #include "models/mechanics/inertia.h"
 #include "models/robot/robot_model.h"
 #include "models/scene/cell.h"
@@ -53,7 +53,7 @@ struct StagedTool {
 /// One robot on the stage: the components that compute or control it.
 struct StagedRobot {
   std::string name;
-  std::size_t model = 0;                // in Stage::models
+  std::size_t model = 0;                // in Scenery::models
   std::vector<std::string> prefixes;    // of its variables: "drive.", "world.left."
   std::vector<std::string> components;  // "drive", "world"
   std::vector<StagedTrack> tracks;      // the main one first
@@ -70,7 +70,7 @@ struct StagedBody {
   double present = 1, scale = 1;  // of an obstacle, at the start
 };
 
-struct Stage {
+struct Scenery {
   std::vector<StagedModel> models;
   std::vector<StagedRobot> robots;
   std::vector<StagedBody> bodies;
@@ -81,15 +81,15 @@ struct Stage {
 };
 
 /// Whether a variable belongs to such a world.
-bool is_of_ghost(const Stage& stage, std::string_view variable);
+bool is_of_ghost(const Scenery& stage, std::string_view variable);
 
 /// The stage of a scenario with its recording. Components whose robot or scene cannot be read are left out, with a remark.
-Stage stage_of(const Scenario& scenario, const Recorded& recorded, std::span<const UnitType> types,
-               const std::vector<std::filesystem::path>& folders);
+Scenery scenery_of(const Scenario& scenario, const Recorded& recorded, std::span<const UnitType> types,
+                   const std::vector<std::filesystem::path>& folders);
 
 /// A stage with one robot whose joints follow all recorded signals with names of positions and as many elements as joints: q, q_d, q_c,
 /// q_link, also after a component's name.
-Stage stage_of(const StagedModel& model, const Recorded& recorded);
+Scenery scenery_of(const StagedModel& model, const Recorded& recorded);
 
 /// The values of a parameter of a component that the scenario gives, such as "0 0 0.5" as three numbers; `numbers` if it gives none, with the
 /// elements that it gives alone.

@@ -1,4 +1,4 @@
-#include "master/view/stage.h"
+#include "master/scenery/scenery.h"
 
 #include <algorithm>
 #include <array>
@@ -61,7 +61,7 @@ class Builder {
           const std::vector<fs::path>& folders)
       : scenario_(scenario), recorded_(recorded), types_(types), folders_(folders) {}
 
-  Stage build();
+  Scenery build();
 
  private:
   void take(const ComponentSpec& component);
@@ -89,7 +89,7 @@ class Builder {
   const std::span<const UnitType> types_;
   const std::vector<fs::path>& folders_;
   std::vector<Node> nodes_;
-  Stage stage_;
+  Scenery stage_;
 };
 
 std::size_t Builder::add_model(robot::RobotModel model, const fs::path& urdf) {
@@ -379,7 +379,7 @@ void Builder::make_ghosts() {
 }
 
 /// Robots without a place stand one beside the other, unless there is a contact world.
-void spread(Stage& stage) {
+void spread(Scenery& stage) {
   double y = 0;
   std::size_t count = 0;
   if (std::ranges::any_of(stage.robots, [](const StagedRobot& robot) { return robot.in_world; })) return;
@@ -393,7 +393,7 @@ void spread(Stage& stage) {
   if (count > 1) stage.remarks.push_back("the scenario gives the robots no places: they are shown beside one another, along y");
 }
 
-Stage Builder::build() {
+Scenery Builder::build() {
   // Monitors come last: their scene may be that of a contact world.
   std::vector<const ComponentSpec*> components;
   for (const ComponentSpec& component : scenario_.components) components.push_back(&component);
@@ -441,18 +441,18 @@ std::vector<double> given_numbers(const Scenario& scenario, const std::string& c
   return numbers;
 }
 
-bool is_of_ghost(const Stage& stage, std::string_view variable) {
+bool is_of_ghost(const Scenery& stage, std::string_view variable) {
   return std::ranges::any_of(stage.ghosts, [&](const std::string& world) { return variable.starts_with(world + "."); });
 }
 
-Stage stage_of(const Scenario& scenario, const Recorded& recorded, std::span<const UnitType> types,
-               const std::vector<fs::path>& folders) {
+Scenery scenery_of(const Scenario& scenario, const Recorded& recorded, std::span<const UnitType> types,
+                   const std::vector<fs::path>& folders) {
   return Builder(scenario, recorded, types, folders).build();
 }
 
-Stage stage_of(const StagedModel& model, const Recorded& recorded) {
+Scenery scenery_of(const StagedModel& model, const Recorded& recorded) {
   using Role = StagedTrack::Role;
-  Stage stage;
+  Scenery stage;
   stage.models.push_back(model);
   StagedRobot robot;
   robot.name = model.model->name;

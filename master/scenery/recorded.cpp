@@ -1,4 +1,4 @@
-#include "master/view/recorded.h"
+#include "master/scenery/recorded.h"
 
 #include <algorithm>
 #include <cctype>

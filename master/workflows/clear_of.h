@@ -1,14 +1,16 @@
 #pragma once
 #include <filesystem>
 #include <optional>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "components/unit/unit_table.h"
 #include "fmu/check/check.h"
 #include "models/collision/meeting/meeting.h"
 
-/// Collisions for commands.
+/// Whether motions of a scenario meet anything.
 namespace cotwin::master {
 
 /// The scene at a path, or scenes/NAME/scene.sdf of the model folders; "": an empty one. With a floor at that height, m, the solid below it.
@@ -24,7 +26,7 @@ trajectory::Path path_of(std::size_t joints, const std::vector<double>& t, const
 /// What the desired motions of the joints in a scenario come near to: a note for each unit:motion that keeps clear, an error with the leg between
 /// two waypoints for one that does not. Robots carry the tools that events of the scenario mount, and meet the other robots, each in its own motion.
 /// They stand where contact worlds and monitors of the scenario, or `bases` (texts for read_base()), have them. Throws Error.
-std::vector<fmu::Finding> check_clear(const std::filesystem::path& scenario, const std::string& scene,
-                                      const std::vector<std::string>& bases);
+std::vector<fmu::Finding> check_clear(const std::filesystem::path& scenario, std::span<const UnitType> types,
+                                      const std::string& scene, const std::vector<std::string>& bases);
 
 }  // namespace cotwin::master
