@@ -181,11 +181,12 @@ void Monitor::measure(std::size_t k) {
   const double grown = inflation(pair);
   const double most =
       std::max(nearest_[groups[0]].d, nearest_[groups[1]].d) + motions_[pair.a] + motions_[pair.b] + kSlack + grown;
-  collision::Distance way = cell_.distance(pair, most, bounds_[k]);
+  collision::Distance found = cell_.distance(pair, most, bounds_[k]);
   bounds_[k] -= grown;
-  way.d -= grown;
+  found.d -= grown;
   for (const std::size_t g : groups) {
-    if (way.d < nearest_[g].d || (way.d == nearest_[g].d && k < nearest_pairs_[g])) nearest_[g] = way, nearest_pairs_[g] = k;
+    if (found.d < nearest_[g].d || (found.d == nearest_[g].d && k < nearest_pairs_[g]))
+      nearest_[g] = found, nearest_pairs_[g] = k;
   }
 }
 

@@ -22,8 +22,8 @@ namespace cotwin::monitor {
 /// robot are not inflated towards each other. The pairs are those of models/collision/cell.
 ///   ḋ = nᵀ (v_b − v_a) at the nearest points        time_to_contact = −d / ḋ
 /// least_distance: the least one since the last step, with joints (and positions of bodies) linear in between, and orientations at constant angular
-/// velocity. Between two instants the distance changes at most by the way that a point of the pair can move, so that no thin plate is passed: the
-/// sign is exact; the value is at most 5 % of that way, 0.1 % of itself, or 1 µm, too large.
+/// velocity. Nothing is passed, however thin it is (sweep.h): the sign is exact; the value is too large by at most 5 % of how far the pair
+/// can have moved, 0.1 % of itself, or 1 µm.
 class Monitor final : public Unit {
  public:
   static void declare_settings(SettingList& s);
@@ -87,7 +87,7 @@ class Monitor final : public Unit {
   std::vector<std::size_t> nearest_pairs_;    // by group
   Values least_;                              // by group
   Values bounds_;                             // by pair: lower bounds of their distances
-  Values motions_;                            // by part: largest way of a point since the last step, m
+  Values motions_;                            // by part: how far a point can have moved since the last step, m
   std::vector<char> jumped_;  // by part: it is elsewhere or of another shape than in the last step, without a motion
   std::vector<collision::Interval> intervals_;
 };

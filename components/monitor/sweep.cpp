@@ -10,7 +10,7 @@
 namespace cotwin::monitor {
 namespace {
 
-/// least_distance is at most this share of the way that a pair can have moved, or this share of itself, or this length, too large.
+/// least_distance is at most this share of how far a pair can have moved, or this share of itself, or this length, too large.
 constexpr double kShareOfWay = 0.05, kShare = 1e-3, kLeastError = 1e-6;  // 1, 1, m
 
 Pose between(const Pose& from, const Pose& to, double share) {
@@ -18,22 +18,22 @@ Pose between(const Pose& from, const Pose& to, double share) {
   return {a.slerp(share, b).toRotationMatrix(), from.p + share * (to.p - from.p)};
 }
 
-double way_of(const Pose& from, const Pose& to, double reach) {
+double travel_of(const Pose& from, const Pose& to, double reach) {
   const double angle = Eigen::Quaterniond(from.R).angularDistance(Eigen::Quaterniond(to.R));
   return (to.p - from.p).norm() + (angle > 0 ? angle * reach : 0);
 }
 
 }  // namespace
 
-/// An upper bound of the way that a point of the part has moved since the last step. Obstacles jump.
+/// An upper bound of how far a point of the part has moved since the last step. Obstacles jump.
 double Monitor::motion(std::size_t k) const {
   const collision::Part& part = cell_.parts[k];
   if (part.robot < 0)
-    return part.moves && !bodies_[k]->comes ? way_of(bodies_[k]->pose.X_before, part.X_W, part.body.reach()) : 0;
+    return part.moves && !bodies_[k]->comes ? travel_of(bodies_[k]->pose.X_before, part.X_W, part.body.reach()) : 0;
   const Robot& r = robot_of(part);
   double reach = 0;
-  const double way = cell_.way(part, -1, r.q_before, r.moved, reach);
-  return floating_ ? way + way_of(r.base.X_before, r.X_WB, reach) : way;
+  const double travel = cell_.travel(part, -1, r.q_before, r.moved, reach);
+  return floating_ ? travel + travel_of(r.base.X_before, r.X_WB, reach) : travel;
 }
 
 /// The pose of a part at a share of the step.

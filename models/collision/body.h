@@ -75,7 +75,7 @@ class Finder {
   void reserve(const Body& solid);
   /// The distance of two bodies if it is at most `most`, otherwise infinity. Equal arguments give equal bits. Allocates nothing.
   /// Of a part that is inside a closed mesh of the other body without touching its surface it is -(its distance from the surface + its depth along
-  /// n), with n the shortest way to the surface.
+  /// n), with n towards the nearest point of the surface.
   Distance find(const Body& a, const Pose& X_WA, const Body& b, const Pose& X_WB, double most = scene::kInfinity);
 
  private:

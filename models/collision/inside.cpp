@@ -81,10 +81,10 @@ void Body::cross(const Vector3d& p, const Vector3d& d, std::int32_t at, Crossing
   const Vector3d u = corners[1] - corners[0], v = corners[2] - corners[0];
   const Vector3d d_C = c.X_BC.R.transpose() * d, from = c.X_BC.R.transpose() * (p - c.X_BC.p) - corners[0];
   const Vector3d across = d_C.cross(v), up = from.cross(u);
-  const double det = u.dot(across), a = from.dot(across) / det, b = d_C.dot(up) / det, way = v.dot(up) / det;
+  const double det = u.dot(across), a = from.dot(across) / det, b = d_C.dot(up) / det, t = v.dot(up) / det;
   constexpr double kEdge = 1e-9;  // of the triangle: nearer to an edge another ray is cast
   const double within = std::min({a, b, 1 - a - b});
-  if (within < -kEdge || way < 0) return;
+  if (within < -kEdge || t < 0) return;
   crossings.certain = crossings.certain && within > kEdge;
   (closed == Closed::kOriented ? crossings.around : crossings.all) += det < 0 ? 1 : -1;
 }
@@ -111,16 +111,16 @@ void Finder::find_inside(const Body& a, const Pose& X_WA, const Body& b, const P
     const bool corners = !piece.polytope.vertices.empty();  // the middle of a polytope may be outside of it
     const Vector3d p_B = corners ? Vector3d(piece.X_BC * piece.polytope.vertices[0]) : piece.X_BC.p;
     if (!a.contains(X_WA.inverse() * (X_WB * p_B))) continue;
-    const Distance way = nearest(a, X_WA, b, X_WB, scene::kInfinity, k);
-    if (!(way.d > 0 && way.d < scene::kInfinity)) continue;  // it touches the surface, and was found
-    double depth = 0;                                        // of the part's far side below the surface
+    const Distance found = nearest(a, X_WA, b, X_WB, scene::kInfinity, k);
+    if (!(found.d > 0 && found.d < scene::kInfinity)) continue;  // it touches the surface, and was found
+    double depth = 0;                                            // of the part's far side below the surface
     for (std::uint32_t j = k; j < b.pieces_.size(); ++j) {
       const Convex& own = b.pieces_[j];
       if (b.groups_[j] != k) continue;
       const Placed placed{&own, X_WB.R * own.X_BC.R, X_WB * own.X_BC.p};
-      depth = std::max(depth, (support(placed, way.n) - way.p_a).dot(way.n) + own.round);
+      depth = std::max(depth, (support(placed, found.n) - found.p_a).dot(found.n) + own.round);
     }
-    if (-depth <= most && -depth < best.d) best = {-depth, -way.n, way.p_a, way.p_a + depth * way.n};
+    if (-depth <= most && -depth < best.d) best = {-depth, -found.n, found.p_a, found.p_a + depth * found.n};
   }
 }
 

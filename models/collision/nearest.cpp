@@ -22,11 +22,11 @@ Distance along(const Separation& s, double round_a, double round_b) {
 
 /// Of cores without a closed form.
 Separation of_cores(const Placed& a, const Placed& b, double most, Feature& scratch) {
-  const Vector3d way = b.p - a.p;
+  const Vector3d offset = b.p - a.p;
   double upper = 0;
   const double size = a.convex->extent.norm() + b.convex->extent.norm();
   const double enough = most + kSameDistance * (size + std::abs(most));
-  Separation s = gjk(a, b, way.norm() > 0 ? Vector3d(way.normalized()) : Vector3d::UnitZ(), enough, upper);
+  Separation s = gjk(a, b, offset.norm() > 0 ? Vector3d(offset.normalized()) : Vector3d::UnitZ(), enough, upper);
   if (s.gap > 0) return s;
   // They intersect, or nearly so.
   if (few_edges(a, b)) {

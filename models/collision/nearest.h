@@ -6,7 +6,7 @@
 /// How near two convex shapes are.
 namespace cotwin::collision {
 
-/// The shortest way from a to b.
+/// The nearest points of a and b; of those that overlap, the shortest translation that separates them.
 struct Distance {
   double d = scene::kInfinity;                   // m; negative: they overlap, and moving b by -d n separates them
   Eigen::Vector3d n = Eigen::Vector3d::UnitZ();  // unit
@@ -15,7 +15,7 @@ struct Distance {
 
 /// The signed distance of two shapes, in the frame of their poses. Separated ones: spheres, capsules and boxes to rounding, others to 1e-9 of their size
 /// (slender hulls to 1e-7), points of curved surfaces to 1e-6. Depths of spheres, and of polytopes with fewer than 4000 pairs of edges, are the
-/// shortest way out; others are the shortest that was found. Two planes have the distance infinity. `scratch` has room for the corners of a face.
+/// least; others are the least that was found. Two planes have the distance infinity. `scratch` has room for the corners of a face.
 /// Neither is a height field. Allocates nothing.
 /// If the distance is more than `most`, the result may be a lower bound above it instead, with points that are not the nearest.
 Distance distance(const Placed& a, const Placed& b, Feature& scratch, double most = scene::kInfinity);

@@ -79,8 +79,8 @@ Spot evaluate(const Curve& curve, const Vector3d& x, const Vector3d& y, double u
 /// Newton iteration for the stationary points of the distance of two curves, started at the points towards each other.
 void find_stationary(const Curve& a, const Curve& b, const Vector3d& toward, Spot& on_a, Spot& on_b) {
   const Vector3d x_a = a.d.unitOrthogonal(), y_a = a.d.cross(x_a), x_b = b.d.unitOrthogonal(), y_b = b.d.cross(x_b);
-  const auto start = [](const Curve& curve, const Vector3d& x, const Vector3d& y, const Vector3d& way) {
-    return curve.kind == Curve::kCircle ? std::atan2(way.dot(y), way.dot(x)) : 0.0;
+  const auto start = [](const Curve& curve, const Vector3d& x, const Vector3d& y, const Vector3d& offset) {
+    return curve.kind == Curve::kCircle ? std::atan2(offset.dot(y), offset.dot(x)) : 0.0;
   };
   double u = start(a, x_a, y_a, toward), v = start(b, x_b, y_b, -toward);
   if (b.kind == Curve::kLine) v = b.d.dot(evaluate(a, x_a, y_a, u).p - b.p);
@@ -89,9 +89,10 @@ void find_stationary(const Curve& a, const Curve& b, const Vector3d& toward, Spo
   for (int i = 0; i < kIterations; ++i) {
     on_a = evaluate(a, x_a, y_a, u);
     on_b = evaluate(b, x_b, y_b, v);
-    const Vector3d way = on_b.p - on_a.p;
-    const double g_u = -way.dot(on_a.first), g_v = way.dot(on_b.first);
-    const double uu = on_a.first.squaredNorm() - way.dot(on_a.second), vv = on_b.first.squaredNorm() + way.dot(on_b.second);
+    const Vector3d offset = on_b.p - on_a.p;
+    const double g_u = -offset.dot(on_a.first), g_v = offset.dot(on_b.first);
+    const double uu = on_a.first.squaredNorm() - offset.dot(on_a.second),
+                 vv = on_b.first.squaredNorm() + offset.dot(on_b.second);
     const double uv = -on_a.first.dot(on_b.first), det = uu * vv - uv * uv;
     if (std::abs(det) <= 1e-14 * std::abs(uu * vv)) return;
     const double du = (uv * g_v - vv * g_u) / det, dv = (uv * g_u - uu * g_v) / det;
@@ -121,14 +122,14 @@ bool find_nearest(const Curve& a, const Curve& b, const Vector3d& n, Spot& on_a,
     return true;
   }
   if (b.kind == Curve::kPoint) return true;
-  const Vector3d way = b.p - a.p;
+  const Vector3d offset = b.p - a.p;
   if (a.kind == Curve::kPoint) {
-    on_b.p = b.p - b.d * b.d.dot(way);
+    on_b.p = b.p - b.d * b.d.dot(offset);
     return true;
   }
   const double turn = a.d.dot(b.d), square = a.d.cross(b.d).squaredNorm();
   if (square < 1e-12) return false;  // parallel: the ends of the lines give better pairs
-  const double t = (way.dot(a.d) - turn * way.dot(b.d)) / square;
+  const double t = (offset.dot(a.d) - turn * offset.dot(b.d)) / square;
   on_a.p = a.p + t * a.d;
   on_b.p = b.p + b.d * b.d.dot(on_a.p - b.p);
   return true;
@@ -158,12 +159,12 @@ Separation refine(const Placed& a, const Placed& b, const Separation& start, boo
     Spot p_a, p_b;
     Vector3d n = toward;
     if (!find_nearest(on, to, toward, p_a, p_b) || !find_normal(on, to, p_a, p_b, n)) return;
-    const Vector3d way = p_b.p - p_a.p;
-    const double along = n.dot(way), between = along - on.around - to.around;
+    const Vector3d offset = p_b.p - p_a.p;
+    const double along = n.dot(offset), between = along - on.around - to.around;
     if (between < best.gap - rounding) return;  // `between` is an upper bound of the gap along n
     const double gap = gap_along(a, b, n);
     constexpr double kPlace = 1e-9;  // of the size: the points lie on the features and their connection is along n
-    const bool held = gap >= between - 10 * rounding && (way - along * n).norm() <= kPlace * size &&
+    const bool held = gap >= between - 10 * rounding && (offset - along * n).norm() <= kPlace * size &&
                       on.contains(p_a.p, kPlace * size) && to.contains(p_b.p, kPlace * size);
     if (gap > best.gap + rounding || (held && !certain && gap >= best.gap - rounding)) {
       best = {n, gap, p_b.p - to.around * n};

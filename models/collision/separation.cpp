@@ -19,8 +19,8 @@ Vector3d unit(const Vector3d& v, const Vector3d& fallback) {
 }
 
 Separation towards(const Vector3d& from, const Vector3d& p, const Vector3d& fallback) {
-  const Vector3d way = p - from;
-  return {unit(way, fallback), way.stableNorm(), p};
+  const Vector3d offset = p - from;
+  return {unit(offset, fallback), offset.stableNorm(), p};
 }
 
 Separation from_box(const Convex& c, const Vector3d& p) {
@@ -125,11 +125,11 @@ Separation between_boxes(const Placed& a, const Placed& b, double margin) {
       const Eigen::Index j1 = (j + 1) % 3, j2 = (j + 2) % 3;
       const double square = C(i1, j) * C(i1, j) + C(i2, j) * C(i2, j);  // ‖aᵢ × bⱼ‖²
       if (square < 1e-12) continue;                                     // parallel: covered by the faces
-      const double way = t[i2] * C(i1, j) - t[i1] * C(i2, j);           // t · (aᵢ × bⱼ)
+      const double offset = t[i2] * C(i1, j) - t[i1] * C(i2, j);        // t · (aᵢ × bⱼ)
       const double reach = half_a[i1] * absolute(i2, j) + half_a[i2] * absolute(i1, j) + half_b[j1] * absolute(i, j2) +
                            half_b[j2] * absolute(i, j1);
-      const double gap = (std::abs(way) - reach) / std::sqrt(square);
-      if (gap > best.gap) best.gap = gap, edge_a = i, edge_b = j, sign = way < 0 ? -1 : 1;
+      const double gap = (std::abs(offset) - reach) / std::sqrt(square);
+      if (gap > best.gap) best.gap = gap, edge_a = i, edge_b = j, sign = offset < 0 ? -1 : 1;
     }
   }
   if (edge_a >= 0) best.n = (a.R.col(edge_a).cross(b.R.col(edge_b)) * sign).normalized();
@@ -258,23 +258,23 @@ Separation best_guess(const Placed& a, const Placed& b, double margin) {
     const double gap = gap_along(a, b, n);
     if (gap > best.gap) best.n = n, best.gap = gap;
   };
-  const Vector3d way = b.p - a.p;
+  const Vector3d offset = b.p - a.p;
   const auto try_axes_of = [&](const Placed& piece, double sign) {
     const Convex& c = *piece.convex;
     for (const scene::Polytope::Face& face : c.polytope.faces) try_direction(sign * (piece.R * face.n));
     if (c.core != Core::kPolytope) {
       const Vector3d axis = piece.R.col(2);
-      if (c.core == Core::kCylinder) try_direction(axis * std::copysign(1.0, axis.dot(way)));
-      try_direction((way - axis * axis.dot(way)) / std::max(way.norm(), 1e-300));
+      if (c.core == Core::kCylinder) try_direction(axis * std::copysign(1.0, axis.dot(offset)));
+      try_direction((offset - axis * axis.dot(offset)) / std::max(offset.norm(), 1e-300));
     }
   };
   try_axes_of(a, 1);
   try_axes_of(b, -1);
   if (a.convex->core != Core::kPolytope && b.convex->core != Core::kPolytope) {
     const Vector3d across = a.R.col(2).cross(b.R.col(2));
-    try_direction(across * std::copysign(1.0, across.dot(way)));
+    try_direction(across * std::copysign(1.0, across.dot(offset)));
   }
-  try_direction(way / std::max(way.norm(), 1e-300));
+  try_direction(offset / std::max(offset.norm(), 1e-300));
   if (std::isinf(best.gap)) try_direction(Vector3d::UnitZ());
   best.p_b = support(b, -best.n);
   return best;

@@ -34,14 +34,24 @@ constexpr double kLeastShare = 0.02;
 /// Rounds in which a body that stops can change the impacts of others.
 constexpr int kRounds = 10;
 
-Placed place(const RigidBody& body, const Pose& X_PC, const Convex& convex, const Vector3d& origin) {
-  return {&convex, body.R * X_PC.R, body.p - origin + body.R * X_PC.p};
+using Piece = collision::Detector::Piece;
+
+Placed place(const RigidBody& body, const Piece& piece, const Vector3d& origin) {
+  const Pose X_PC = body.X_PB * piece.convex.X_BC;
+  return {&piece.convex, body.R * X_PC.R, body.p - origin + body.R * X_PC.p};
 }
 
-double distance_from_segment(const Vector3d& p, const Vector3d& start, const Vector3d& way) {
-  const double square = way.squaredNorm();
-  const double s = square > 0 ? std::clamp((p - start).dot(way) / square, 0.0, 1.0) : 0;
-  return (start + s * way - p).norm();
+bool unbounded(const Convex& c) { return c.core == Core::kPlane || c.core == Core::kHeights; }
+double half_size(const Convex& c) { return unbounded(c) ? kInfinity : c.extent.minCoeff() + c.round; }
+/// The largest distance of the core from P's origin.
+double reach_of(const RigidBody& body, const Convex& c) {
+  return unbounded(c) ? kInfinity : (body.X_PB * c.X_BC.p).norm() + c.extent.norm();
+}
+
+double distance_from_segment(const Vector3d& p, const Vector3d& start, const Vector3d& displacement) {
+  const double square = displacement.squaredNorm();
+  const double s = square > 0 ? std::clamp((p - start).dot(displacement) / square, 0.0, 1.0) : 0;
+  return (start + s * displacement - p).norm();
 }
 
 /// Upper bound of the speed along n of a body's points within `reach` of P, over `duration`.
@@ -56,49 +66,33 @@ double speed_along(const RigidBody& body, const Vector3d& n, double reach, doubl
 
 }  // namespace
 
-Advance::Advance(const scene::Scene& scene, std::span<const RigidBody> bodies, std::span<const char> linked,
-                 const collision::Detector& detector)
-    : detector_(&detector), bodies_(bodies.size()), fast_(bodies.size(), 0), stops_(bodies.size(), 0) {
-  const std::span<const collision::Detector::Piece> all = detector.pieces();
-  pieces_.reserve(all.size());
+Advance::Advance(std::span<const RigidBody> bodies, std::span<const char> linked, const collision::Detector& detector)
+    : pieces_(detector.pieces()),
+      detector_(&detector),
+      bodies_(bodies.size()),
+      fast_(bodies.size(), 0),
+      stops_(bodies.size(), 0) {
+  std::size_t k = 0;
   for (std::size_t b = 0; b < bodies.size(); ++b) {
     Body& body = bodies_[b];
-    body.first = pieces_.size();
     double least = kInfinity;
-    for (; pieces_.size() < all.size() && all[pieces_.size()].body == static_cast<int>(b);) {
-      const collision::Detector::Piece& from = all[pieces_.size()];
-      Piece piece;
-      piece.convex = &from.convex;
-      scratch_.corners.reserve(most_corners(from.convex));
-      piece.X_PC = bodies[b].X_PB * from.convex.X_BC;
-      piece.rigid = !scene.bodies[b].shapes[static_cast<std::size_t>(from.shape)].material.soft();
-      if (from.convex.core == Core::kPlane || from.convex.core == Core::kHeights) {
-        piece.radius = piece.reach = piece.least = kInfinity;
-        body.unbounded = true;
-      } else {
-        piece.radius = from.convex.extent.norm() + from.convex.round;
-        piece.reach = piece.X_PC.p.norm() + from.convex.extent.norm();
-        piece.least = from.convex.extent.minCoeff() + from.convex.round;
-      }
-      least = std::min(least, piece.least);
-      body.reach = std::max(body.reach, piece.reach);
-      pieces_.push_back(piece);
+    const std::size_t first = k;
+    for (; k < pieces_.size() && pieces_[k].body == static_cast<int>(b); ++k) {
+      const Convex& convex = pieces_[k].convex;
+      scratch_.corners.reserve(most_corners(convex));
+      body.unbounded = body.unbounded || unbounded(convex);
+      least = std::min(least, half_size(convex));
     }
-    body.end = pieces_.size();
-    const bool free = bodies[b].dynamic() && linked[b] == 0 && body.end > body.first && !body.unbounded;
+    body.pieces = pieces_.subspan(first, k - first);
+    refit(b, bodies[b]);
+    const bool free = bodies[b].dynamic() && linked[b] == 0 && !body.pieces.empty() && !body.unbounded;
     body.limit = free ? std::clamp(kShareOfSize * least, kLeastMotion, kMostMotion) : kInfinity;
   }
 }
 
 void Advance::refit(std::size_t b, const RigidBody& now) {
-  Body& body = bodies_[b];
-  body.reach = 0;
-  for (std::size_t i = body.first; i < body.end; ++i) {
-    Piece& piece = pieces_[i];
-    piece.X_PC = now.X_PB * piece.convex->X_BC;
-    if (piece.convex->core != Core::kPlane) piece.reach = piece.X_PC.p.norm() + piece.convex->extent.norm();
-    body.reach = std::max(body.reach, piece.reach);
-  }
+  bodies_[b].reach = 0;
+  for (const Piece& piece : bodies_[b].pieces) bodies_[b].reach = std::max(bodies_[b].reach, reach_of(now, piece.convex));
 }
 
 void Advance::clear() {
@@ -128,7 +122,7 @@ void Advance::find_stops(std::span<const RigidBody> bodies, double h, double nea
       if (fast_[a] == 0) continue;
       for (std::size_t b = 0; b < bodies_.size(); ++b) {
         const bool both = fast_[b] != 0;
-        if (b == a || (both && b < a) || (!both && round > 0) || bodies_[b].first == bodies_[b].end) continue;
+        if (b == a || (both && b < a) || (!both && round > 0) || bodies_[b].pieces.empty()) continue;
         const double t = time_of_impact(bodies, a, b, h, near);
         if (both && t < std::max(stops_[a], stops_[b])) {
           changed = changed || t < stops_[a] || t < stops_[b];
@@ -144,24 +138,24 @@ void Advance::find_stops(std::span<const RigidBody> bodies, double h, double nea
 double Advance::time_of_impact(std::span<const RigidBody> bodies, std::size_t a, std::size_t b, double h, double near) {
   const RigidBody &A = bodies[a], &B = bodies[b];
   const double stop_a = stops_[a], stop_b = fast_[b] != 0 ? stops_[b] : 0;
-  const Vector3d way = stop_a * A.v;
+  const Vector3d displacement = stop_a * A.v;
   const double motion = stop_b > 0 ? stop_b * B.v.norm() : 0;
-  if (!bodies_[b].unbounded && distance_from_segment(B.p, A.p, way) > A.radius + B.radius + motion) return kInfinity;
+  if (!bodies_[b].unbounded && distance_from_segment(B.p, A.p, displacement) > A.radius + B.radius + motion) return kInfinity;
   if (detector_->ignores(static_cast<int>(a), static_cast<int>(b))) return kInfinity;
   double end = std::max(stop_a, stop_b);
   double first = kInfinity;
-  for (std::size_t j = bodies_[b].first; j < bodies_[b].end; ++j) {
-    const Piece& of_b = pieces_[j];
-    if (of_b.convex->core == Core::kHeights) {
+  for (const Piece& of_b : bodies_[b].pieces) {
+    if (of_b.convex.core == Core::kHeights) {
       const double t = time_of_impact(A, bodies_[a], B, of_b, end, near);
       if (t < end) first = end = t;
       continue;
     }
-    const Vector3d offset = B.R * of_b.X_PC.p;
+    const Vector3d offset = B.R * (B.X_PB * of_b.convex.X_BC.p);
     const double moved = motion + (stop_b > 0 ? h * B.w.norm() * offset.norm() : 0);
-    if (distance_from_segment(B.p + offset, A.p, way) > A.radius + of_b.radius + moved) continue;
-    for (std::size_t i = bodies_[a].first; i < bodies_[a].end; ++i) {
-      const double t = time_of_impact(A, B, pieces_[i], of_b, stop_a, stop_b, end, near);
+    const double radius = unbounded(of_b.convex) ? kInfinity : of_b.convex.extent.norm() + of_b.convex.round;
+    if (distance_from_segment(B.p + offset, A.p, displacement) > A.radius + radius + moved) continue;
+    for (const Piece& of_a : bodies_[a].pieces) {
+      const double t = time_of_impact(A, B, of_a, of_b, stop_a, stop_b, end, near);
       if (t < end) first = end = t;
     }
   }
@@ -172,30 +166,28 @@ double Advance::time_of_impact(std::span<const RigidBody> bodies, std::size_t a,
 /// over its seams.
 double Advance::time_of_impact(const RigidBody& a, const Body& pieces_of_a, const RigidBody& b, const Piece& ground,
                                double stop_a, double near) {
-  const Pose X_WP{b.R, b.p}, X_CW = (X_WP * ground.X_PC).inverse();
+  const Pose X_CW = (Pose{b.R, b.p} * b.X_PB * ground.convex.X_BC).inverse();
   const Vector3d start = X_CW * a.p, end_of_way = X_CW * Vector3d(a.p + stop_a * a.v), reach = Vector3d::Constant(a.radius);
-  Piece of_b = ground;
-  of_b.convex = &column_;
   const auto for_each = [&](const Vector3d& to, auto&& visit) {
-    for (collision::Columns columns(*ground.convex, start.cwiseMin(to) - reach, start.cwiseMax(to) + reach); columns.next();) {
-      columns.write(column_);
-      of_b.X_PC = ground.X_PC * column_.X_BC;
-      of_b.least = column_.extent.minCoeff();
-      for (std::size_t i = pieces_of_a.first; i < pieces_of_a.end; ++i) visit(pieces_[i]);
+    for (collision::Columns columns(ground.convex, start.cwiseMin(to) - reach, start.cwiseMax(to) + reach); columns.next();) {
+      columns.write(column_.convex);
+      column_.convex.X_BC = ground.convex.X_BC * column_.convex.X_BC;
+      column_.soft = ground.soft;
+      for (const Piece& piece : pieces_of_a.pieces) visit(piece);
     }
   };
   bool touches = false;
   double floor = 0;
   for_each(start, [&](const Piece& of_a) {
-    const Distance d = distance(place(a, of_a.X_PC, *of_a.convex, a.p), place(b, of_b.X_PC, column_, a.p), scratch_);
+    const Distance d = distance(place(a, of_a, a.p), place(b, column_, a.p), scratch_);
     if (d.d > near) return;
     touches = true;
-    floor = std::min(floor, std::min(d.d, 0.0) - std::min(kDeeper * of_a.least, kDeepest));
+    floor = std::min(floor, std::min(d.d, 0.0) - std::min(kDeeper * half_size(of_a.convex), kDeepest));
   });
   double first = kInfinity, end = stop_a;
   for_each(end_of_way, [&](const Piece& of_a) {
-    if (touches && (!of_a.rigid || !ground.rigid)) return;
-    const double t = time_of_impact(a, b, of_a, of_b, stop_a, 0, end, touches ? -kInfinity : near, floor);
+    if (touches && (of_a.soft || ground.soft)) return;
+    const double t = time_of_impact(a, b, of_a, column_, stop_a, 0, end, touches ? -kInfinity : near, floor);
     if (t < end) first = end = t;
   });
   return first;
@@ -203,27 +195,27 @@ double Advance::time_of_impact(const RigidBody& a, const Body& pieces_of_a, cons
 
 double Advance::time_of_impact(const RigidBody& a, const RigidBody& b, const Piece& of_a, const Piece& of_b, double stop_a,
                                double stop_b, double end, double near, double floor) {
-  const double least = std::min(of_a.least, of_b.least);
+  const double least = std::min(half_size(of_a.convex), half_size(of_b.convex));
+  const double reach_a = reach_of(a, of_a.convex), reach_b = reach_of(b, of_b.convex);
   double t = 0;
   for (int step = 0; step < kSteps; ++step) {
     RigidBody at_a = a, at_b = b;
     at_a.drift(std::min(t, stop_a));
     if (stop_b > 0) at_b.drift(std::min(t, stop_b));
-    const Vector3d origin = of_b.convex->core == Core::kPlane ? at_a.p : at_b.p;
-    const Distance d =
-        distance(place(at_a, of_a.X_PC, *of_a.convex, origin), place(at_b, of_b.X_PC, *of_b.convex, origin), scratch_);
+    const Vector3d origin = of_b.convex.core == Core::kPlane ? at_a.p : at_b.p;
+    const Distance d = distance(place(at_a, of_a, origin), place(at_b, of_b, origin), scratch_);
     if (step == 0 && d.d <= near) {
-      if (!of_a.rigid || !of_b.rigid) return kInfinity;
+      if (of_a.soft || of_b.soft) return kInfinity;
       floor = std::min(d.d, 0.0) - std::min(kDeeper * least, kDeepest);
     }
     if (step > 0 && d.d <= floor + kStop) return t;
     double closing = 0;
-    if (t < stop_a) closing += speed_along(at_a, d.n, of_a.reach, stop_a - t);
-    if (t < stop_b) closing += speed_along(at_b, -d.n, of_b.reach, stop_b - t);
-    const double way = d.d - floor - kStop / 2;
+    if (t < stop_a) closing += speed_along(at_a, d.n, reach_a, stop_a - t);
+    if (t < stop_b) closing += speed_along(at_b, -d.n, reach_b, stop_b - t);
+    const double left = d.d - floor - kStop / 2;
     // Until one of two bodies stops, it can only move away from the other.
     const double next = t < stop_a && t < stop_b ? std::min(stop_a, stop_b) : end;
-    double dt = closing > 0 ? way / closing : kInfinity;
+    double dt = closing > 0 ? left / closing : kInfinity;
     if (step >= kExactSteps && closing > 0) dt = std::max(dt, kLeastShare * least / closing);
     t = std::min(t + dt, next);
     if (t >= end) return kInfinity;

@@ -6,7 +6,6 @@
 #include "components/contact_world/engine/body/body.h"
 #include "models/collision/contact/detector.h"
 #include "models/collision/contact/terrain.h"
-#include "models/scene/scene.h"
 
 namespace cotwin::contact_world {
 
@@ -20,8 +19,7 @@ class Advance {
  public:
   Advance() = default;
   /// `linked`: nonzero for bodies with joints. Refers to the shapes of `detector`.
-  Advance(const scene::Scene& scene, std::span<const RigidBody> bodies, std::span<const char> linked,
-          const collision::Detector& detector);
+  Advance(std::span<const RigidBody> bodies, std::span<const char> linked, const collision::Detector& detector);
 
   /// To be called after the mass distribution of a body has changed.
   void refit(std::size_t body, const RigidBody& now);
@@ -38,19 +36,12 @@ class Advance {
   double stop(std::size_t body) const { return stops_[body]; }
 
  private:
-  struct Piece {
-    const collision::Convex* convex = nullptr;
-    Pose X_PC;
-    double radius = 0;  // of the sphere about C's origin that contains the piece, m
-    double reach = 0;   // largest distance of the core from P's origin, m
-    double least = 0;   // half size, m
-    bool rigid = true;
-  };
+  using Piece = collision::Detector::Piece;
   struct Body {
-    std::size_t first = 0, end = 0;  // pieces
-    double reach = 0;                // largest of the pieces, m
-    double limit = 0;                // motion in a step beyond which it is fast, m; infinite: never
-    bool unbounded = false;          // has a plane or a height field
+    std::span<const Piece> pieces;
+    double reach = 0;        // largest distance of their cores from P's origin, m
+    double limit = 0;        // motion in a step beyond which it is fast, m; infinite: never
+    bool unbounded = false;  // has a plane or a height field
   };
 
   double time_of_impact(std::span<const RigidBody> bodies, std::size_t a, std::size_t b, double h, double near);
@@ -61,12 +52,12 @@ class Advance {
   double time_of_impact(const RigidBody& a, const RigidBody& b, const Piece& of_a, const Piece& of_b, double stop_a,
                         double stop_b, double end, double near, double floor = 0);
 
+  std::span<const Piece> pieces_;
   const collision::Detector* detector_ = nullptr;
-  std::vector<Piece> pieces_;
   std::vector<Body> bodies_;
   std::vector<char> fast_;
   std::vector<double> stops_;
-  collision::Convex column_ = collision::make_column();
+  Piece column_{.convex = collision::make_column()};
   collision::Feature scratch_;
   bool any_ = false;
 };

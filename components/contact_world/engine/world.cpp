@@ -74,7 +74,7 @@ World::Impl::Impl(scene::Scene the_scene, Options the_options)
     for (const Loops::Row& row : tree.loops.rows()) in_loops[index(row.joint)] = 1;
   }
   places.resize(linked.size());
-  advance = Advance(scene, bodies, is_linked, detector);
+  advance = Advance(bodies, is_linked, detector);
   check_gears();
   open_accounts();
   motions.resize(bodies.size());

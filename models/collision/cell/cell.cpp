@@ -142,17 +142,17 @@ Distance Cell::distance(const Pair& pair, double most, double& bound) {
   return found;
 }
 
-double Cell::way(const Part& part, int from, std::span<const double> q, std::span<const double> moved, double& reach) const {
+double Cell::travel(const Part& part, int from, std::span<const double> q, std::span<const double> moved, double& reach) const {
   const robot::RobotModel& robot = model(part.robot);
-  double way = 0;
+  double travel = 0;
   const auto of_body = [&](std::size_t body) {
     return std::abs(scene::rate_of(robot, body)) * moved[static_cast<std::size_t>(robot.leader_of(static_cast<int>(body)))];
   };
   reach = for_each_lever(
       robot, part.link, from, part.body.reach(),
       [&](std::size_t body, const robot::Joint&) { return std::abs(scene::position_of(robot, body, q)) + of_body(body); },
-      [&](std::size_t body, const robot::Joint&, double lever) { way += of_body(body) * lever; });
-  return way;
+      [&](std::size_t body, const robot::Joint&, double lever) { travel += of_body(body) * lever; });
+  return travel;
 }
 
 }  // namespace cotwin::collision

@@ -62,10 +62,10 @@ class Cell {
     return finder_.find(parts[pair.a].body, X_WA, parts[pair.b].body, X_WB, most);
   }
 
-  /// An upper bound of the way, m, of a part's points relative to the body `from` of its model that carries it (−1: the base), while the independent
-  /// joints move from q by at most `moved` (n each, rad or m): of each joint in between, its way times the longest lever that it can have.
+  /// An upper bound of the path lengths, m, of a part's points relative to the body `from` of its model that carries it (−1: the base), while the independent
+  /// joints move from q by at most `moved` (n each, rad or m): of each joint in between, how far it moves times the longest lever that it can have.
   /// `reach`: of the points from the origin of `from`.
-  double way(const Part& part, int from, std::span<const double> q, std::span<const double> moved, double& reach) const;
+  double travel(const Part& part, int from, std::span<const double> q, std::span<const double> moved, double& reach) const;
 
  private:
   struct Robot {

@@ -66,8 +66,9 @@ Detector::Impl::Impl(const scene::Scene& scene) {
     const scene::Body& body = scene.bodies[b];
     if (body.motion == scene::Motion::kStatic) fixed_bodies.push_back(b);
     for (std::size_t s = 0; s < body.shapes.size(); ++s) {
-      Piece piece{make_convex(body.shapes[s]), static_cast<int>(b), static_cast<int>(s), body.motion != scene::Motion::kStatic,
-                  body.shapes[s].material.foundation > 0};
+      const scene::Material& material = body.shapes[s].material;
+      Piece piece{make_convex(body.shapes[s]),           static_cast<int>(b),     static_cast<int>(s),
+                  body.motion != scene::Motion::kStatic, material.foundation > 0, material.soft()};
       if (piece.moves) moving.push_back(static_cast<std::uint32_t>(pieces.size()));
       if (piece.convex.core == Core::kPlane) planes.push_back(static_cast<std::uint32_t>(pieces.size()));
       corners = std::max(corners, most_corners(piece.convex));

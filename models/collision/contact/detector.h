@@ -55,6 +55,7 @@ class Detector {
     int body = 0, shape = 0;
     bool moves = false;
     bool foundation = false;  // its points are those of patch.h
+    bool soft = false;        // its material yields
   };
   std::span<const Piece> pieces() const;  // in the order of the bodies; valid as long as the object
   bool ignores(int body_a, int body_b) const;

@@ -208,11 +208,11 @@ void Manifold::segments(const Placed& piece_a, const Placed& piece_b, const Vect
   const auto between = [&](double t, double s) { return Vector3d(axis_b + s * along_b - axis_a - t * along_a); };
   constexpr double kUpright = 1e-6;  // of the radius, sideways
   const auto add_point = [&](double t, double s, std::uint64_t id) {
-    const Vector3d way = between(t, s), p_a = axis_a + t * along_a;
-    const bool leans = radius > 0 && n.dot(way) > 0 && (way - n.dot(way) * n).norm() > kUpright * radius;
-    const Vector3d m = leans ? Vector3d(way.normalized()) : n;
-    const double gap = m.dot(way) - radius;
-    found_.push_back({radius > 0 ? Vector3d(p_a + (radius_a + gap / 2) * m) : Vector3d(p_a + way / 2), m, gap, id});
+    const Vector3d offset = between(t, s), p_a = axis_a + t * along_a;
+    const bool leans = radius > 0 && n.dot(offset) > 0 && (offset - n.dot(offset) * n).norm() > kUpright * radius;
+    const Vector3d m = leans ? Vector3d(offset.normalized()) : n;
+    const double gap = m.dot(offset) - radius;
+    found_.push_back({radius > 0 ? Vector3d(p_a + (radius_a + gap / 2) * m) : Vector3d(p_a + offset / 2), m, gap, id});
   };
   constexpr double kParallel = 1e-3;  // sine
   const bool crossing = std::abs(turned) > kParallel * std::sqrt(uu * vv);
@@ -234,18 +234,18 @@ void Manifold::segments(const Placed& piece_a, const Placed& piece_b, const Vect
   if (from > to + kOn) return;
   const auto foot = [&](double place) { return std::clamp(v.dot(place * u - w) / vv, 0.0, 1.0); };
   // The ball of the radius about a place on the axis is within the shape; for cylinders not at their ends if the normal leans.
-  const auto inside = [](const Placed& piece, const Vector3d& along, const Vector3d& way, double place) {
+  const auto inside = [](const Placed& piece, const Vector3d& along, const Vector3d& offset, double place) {
     if (piece.convex->core != Core::kCylinder) return place;
-    const double lean = std::abs(way.normalized().dot(along)) / along.squaredNorm() * piece.convex->radius;
+    const double lean = std::abs(offset.normalized().dot(along)) / along.squaredNorm() * piece.convex->radius;
     return std::clamp(place, std::min(lean, 0.5), std::max(1 - lean, 0.5));
   };
   std::uint32_t end = 0;
   for (const double limit : {from, to}) {
-    const Vector3d way = between(limit, foot(limit));
-    const double place = inside(piece_a, along_a, way, limit);
+    const Vector3d offset = between(limit, foot(limit));
+    const double place = inside(piece_a, along_a, offset, limit);
     const std::uint64_t id = feature_pair_id(FeatureKind::kFace, edge_a, FeatureKind::kFace, end++);
     if (meet && std::abs(place - t) * std::sqrt(uu) < kApart * radius) continue;
-    add_point(place, inside(piece_b, along_b, way, foot(place)), id);
+    add_point(place, inside(piece_b, along_b, offset, foot(place)), id);
     if (to <= from) return;
   }
 }

@@ -28,7 +28,7 @@ void add_single_point(const Separation& s, double round_a, double round_b, doubl
 }
 
 /// Whether n, out of a face of the base, is the direction of the shortest translation that separates the shapes: the deepest
-/// point of the piece leaves the base through this face on no shorter way, and the other faces are farther away.
+/// point of the piece leaves the base through this face, and the other faces are farther away.
 bool leaves_by_face(const Placed& base, const Placed& piece, const Vector3d& n) {
   if (base.convex->core != Core::kPolytope) return false;
   constexpr double kAligned = 1 - 1e-14;

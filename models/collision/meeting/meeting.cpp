@@ -17,7 +17,7 @@ constexpr double kFinest = 1e-6;                          // m
 constexpr double kLeastError = 1e-4, kLeastShare = 1e-3;  // of the least distance: m, 1
 constexpr int kGrid = 16;                                 // intervals at the beginning
 
-/// One robot on its way.
+/// One robot in motion.
 struct Mover {
   const robot::RobotModel* model = nullptr;
   Pose X_WB;
@@ -67,7 +67,7 @@ void Mover::find(double t) {
   for (double& speed : dq) speed = back ? -speed : speed;
 }
 
-/// Upper bounds of the ways of the joints between two times, in `moved`; then q is that at the first one.
+/// Upper bounds of how far the joints move between two times, in `moved`; then q is that at the first one.
 void Mover::find_moved(double begin, double end) {
   if (rests() || (from == begin && to == end)) return;
   from = begin;
@@ -115,16 +115,16 @@ struct Checker::Impl {
   }
 
   /// By how much the distance of a pair can change.
-  double way(const Pair& pair, double from, double to) {
-    double way = 0, reach = 0;
+  double travel(const Pair& pair, double from, double to) {
+    double travel = 0, reach = 0;
     for (const std::size_t k : {pair.a, pair.b}) {
       const Part& part = cell.parts[k];
       if (part.robot < 0) continue;
       Mover& mover = movers[static_cast<std::size_t>(part.robot)];
       mover.find_moved(from, to);
-      if (!mover.rests()) way += cell.way(part, pair.common, mover.q, mover.moved, reach);
+      if (!mover.rests()) travel += cell.travel(part, pair.common, mover.q, mover.moved, reach);
     }
-    return way;
+    return travel;
   }
 
   Nearest nearest_of(const Pair& pair, double t, const Distance& found) const {
@@ -167,20 +167,20 @@ bool Checker::Impl::meets(double begin, double end, bool again) {
     for (const Pair* pair : present)
       if (!pair->self) (void)over(*pair, time(k), least_over);
   constexpr SweepLimits kLimits{kFinest, std::numeric_limits<int>::max(), true};
-  std::vector<double> ways(present.size()), d_from(present.size());
+  std::vector<double> travels(present.size()), d_from(present.size());
   for (int k = 0; k < kGrid; ++k) {
     const double from = time(k), to = time(k + 1);
-    for (std::size_t i = 0; i < present.size(); ++i) ways[i] = way(*present[i], from, to);
-    for (std::size_t i = 0; i < present.size(); ++i) d_from[i] = over(*present[i], from, enough(*present[i]) + ways[i]);
+    for (std::size_t i = 0; i < present.size(); ++i) travels[i] = travel(*present[i], from, to);
+    for (std::size_t i = 0; i < present.size(); ++i) d_from[i] = over(*present[i], from, enough(*present[i]) + travels[i]);
     double first = scene::kInfinity;
     const Pair* meeting = nullptr;
     for (std::size_t i = 0; i < present.size(); ++i) {
       const Pair& pair = *present[i];
-      const Interval whole{from, to, d_from[i], over(pair, to, enough(pair) + ways[i])};
-      if ((whole.d_from + whole.d_to - ways[i]) / 2 >= enough(pair)) continue;
+      const Interval whole{from, to, d_from[i], over(pair, to, enough(pair) + travels[i])};
+      if ((whole.d_from + whole.d_to - travels[i]) / 2 >= enough(pair)) continue;
       const Least found = least_distance(
           whole, kLimits, stack, [&](double t, double enough) { return over(pair, t, enough); },
-          [&](double t_from, double t_to) { return way(pair, t_from, t_to); }, [&](double) { return enough(pair); });
+          [&](double t_from, double t_to) { return travel(pair, t_from, t_to); }, [&](double) { return enough(pair); });
       if (found.meets && found.t < first) first = found.t, meeting = &pair;
     }
     if (meeting == nullptr) continue;
