@@ -27,7 +27,14 @@ Separation of_cores(const Placed& a, const Placed& b, double most, Feature& scra
   const double size = a.convex->extent.norm() + b.convex->extent.norm();
   const double enough = most + kSameDistance * (size + std::abs(most));
   Separation s = gjk(a, b, offset.norm() > 0 ? Vector3d(offset.normalized()) : Vector3d::UnitZ(), enough, upper);
-  if (s.gap > 0) return s;
+  if (s.gap > 0) {
+    if (s.gap > enough || upper - s.gap <= kSameDistance * size) return s;
+    bool certain = false;
+    const Separation refined = refine(a, b, s, certain, scratch);
+    if (certain) return refined;
+    if (refined.gap > s.gap) s = {refined.n, refined.gap, s.p_b};
+    return s;
+  }
   // They intersect, or nearly so.
   if (few_edges(a, b)) {
     const Separation axes = along_axes(a, b, scene::kInfinity);

@@ -6,6 +6,7 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <random>
 #include <string>
@@ -207,11 +208,38 @@ TEST(Distance, OfEachPairOfShapesIsHeldByTwoPointsAndAPlane) {
     const Pose X_a = random.pose(0.2), X_b = random.pose(1.5);
     const Distance found = measure(a, X_a, b, X_b);
     if (found.d <= 1e-6) continue;
-    SCOPED_TRACE(std::to_string(k) + " at " + std::to_string(found.d) + " m");
+    SCOPED_TRACE(k);
     EXPECT_NEAR(outside(a, X_a, found.p_a), 0, 1e-6);
     EXPECT_NEAR(outside(b, X_b, found.p_b), 0, 1e-6);
     const Convex A = make_convex(a), B = make_convex(b);
     EXPECT_NEAR(gap_along(place(A, X_a), place(B, X_b), found.n) - A.round - B.round, found.d, 1e-9);
+  }
+}
+
+// The direction is then a difference of almost equal points: the nearest points are still on both surfaces.
+TEST(Distance, IsExactWhereShapesNearlyTouch) {
+  Random random(11);
+  const auto random_shape = [&](int kind) {
+    const Vector3d size(random.real(0.01, 1), random.real(0.01, 1), random.real(0.01, 1));
+    if (kind < 3) return shape(std::array{ShapeType::kEllipsoid, ShapeType::kCylinder, ShapeType::kBox}[kind], size);
+    std::vector<Vector3d> points;
+    for (int k = 0; k < 20; ++k) points.push_back(size.cwiseProduct(random.direction()));
+    return hull(points);
+  };
+  for (int k = 0; k < 1600; ++k) {
+    const Shape a = random_shape(k % 4), b = random_shape(k / 4 % 4);
+    const Pose X_a = random.pose(0.2);
+    Pose X_b = random.pose(3);
+    const Distance far = measure(a, X_a, b, X_b);
+    if (far.d < 1e-3) continue;
+    for (const double near : {1e-3, 1e-6}) {
+      X_b.p -= (measure(a, X_a, b, X_b).d - near) * far.n;
+      const Distance found = measure(a, X_a, b, X_b);
+      SCOPED_TRACE(std::to_string(k) + " at " + std::to_string(near) + " m");
+      EXPECT_NEAR(found.d, near, 1e-7);
+      EXPECT_NEAR(outside(a, X_a, found.p_a), 0, 2e-7);
+      EXPECT_NEAR(outside(b, X_b, found.p_b), 0, 2e-7);
+    }
   }
 }
 
