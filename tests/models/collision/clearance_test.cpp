@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "models/collision/body.h"
+#include "models/collision/contact/detector.h"
 #include "models/robot/urdf/urdf.h"
 #include "models/scene/robot_links.h"
 #include "models/scene/urdf/urdf_shapes.h"
@@ -278,6 +279,44 @@ TEST_F(Cells, AnswerAsFinelySampledMotionsDo) {
   }
   EXPECT_GT(clear, 8);
   EXPECT_GT(touching, 20);
+}
+
+// The contact world finds its points by other paths: normals of faces and edges first, and features.
+TEST_F(Cells, AgreeWithThePointsOfTheContactWorld) {
+  constexpr double kMargin = 0.2;  // m
+  int apart = 0, meeting = 0;
+  for (int k = 0; k < 400; ++k) {
+    const scene::Scene boxes = scene(k % 2 == 0 ? 3 : 15);
+    const Stand stand = shipped("lwr4", Vector3d::Zero());
+    const robot::RobotModel& model = stand.robot.model;
+    const Motion rest{{}, posture(model)};
+    const Verdict verdict = Checker(boxes, {stand}, {}).check({&rest, 1});
+    std::vector<Pose> X_W(1, stand.X_WB);
+    X_W.resize(model.bodies.size() + 1);
+    std::vector<Twist> V(model.bodies.size());
+    const Values zeros(rest.q.size());
+    scene::place_links(model, stand.X_WB, rest.q, zeros, std::span(X_W).subspan(1), V);
+    scene::Scene all;
+    for (std::size_t i = 0; i < X_W.size(); ++i) {
+      all.bodies.push_back({});
+      all.bodies.back().motion = i == 0 ? scene::Motion::kStatic : scene::Motion::kDriven;
+      all.bodies.back().shapes = stand.robot.shapes[i];
+      for (std::size_t j = 0; j < i; ++j) all.no_contact.emplace_back(static_cast<int>(j), static_cast<int>(i));
+    }
+    for (const scene::Body& box : boxes.bodies) {
+      all.bodies.push_back(box);
+      X_W.push_back(box.X_WB);
+    }
+    Detector detector(all);
+    detector.detect(X_W, kMargin);
+    double gap = kMargin;
+    for (const ContactPoint& point : detector.points()) gap = std::min(gap, point.gap);
+    EXPECT_EQ(verdict.clear, gap > 0) << k;
+    if (verdict.clear) EXPECT_NEAR(std::min(verdict.nearest.d, kMargin), gap, 1e-9) << k;
+    (verdict.clear ? apart : meeting) += gap < kMargin ? 1 : 0;
+  }
+  EXPECT_GT(apart, 50);
+  EXPECT_GT(meeting, 20);
 }
 
 TEST(Clearance, TellsWhatItCannotAnswerAndWhatItLeavesOut) {
