@@ -9,10 +9,10 @@
 #include <thread>
 
 #include "master/engine/tools.h"
-#include "master/workflows/clear_of.h"
 #include "master/program/commands/commands.h"
 #include "master/program/interrupt.h"
 #include "master/program/progress_line.h"
+#include "master/workflows/clear_of.h"
 #include "models/foundation/formats/csv.h"
 #include "models/foundation/support/atomic_file.h"
 #include "models/foundation/support/choice.h"

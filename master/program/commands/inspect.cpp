@@ -7,9 +7,9 @@
 #include <string>
 
 #include "fmu/check/check.h"
-#include "master/workflows/clear_of.h"
 #include "master/program/commands/commands.h"
 #include "master/workflows/check.h"
+#include "master/workflows/clear_of.h"
 #include "models/foundation/support/error.h"
 
 namespace cotwin::master {

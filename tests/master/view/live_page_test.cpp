@@ -11,8 +11,8 @@
 #include <regex>
 #include <thread>
 
-#include "master/view/calculated.h"
 #include "master/scenery/recorded.h"
+#include "master/view/calculated.h"
 #include "models/robot/frame_kinematics.h"
 #include "models/robot/urdf/urdf.h"
 #include "tests/support/files.h"
