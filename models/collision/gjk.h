@@ -12,7 +12,8 @@ Separation gjk(const Placed& a, const Placed& b, const Eigen::Vector3d& n, doubl
 /// gjk() measures the cores after moving them apart along `start`.
 Separation climb(const Placed& a, const Placed& b, const Separation& start);
 
-/// A direction for deep interpenetration by Bullet's EPA; returns `start` for separated cores or if EPA fails.
+/// The best direction that the expanding polytope algorithm (van den Bergen 2001) sees for deep interpenetration; `start` if none is better, and for
+/// separated cores.
 Separation expand(const Placed& a, const Placed& b, const Separation& start);
 
 }  // namespace cotwin::collision

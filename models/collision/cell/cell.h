@@ -31,6 +31,7 @@ struct Pair {
   int common = -1;           // then the body of the model that carries both, −1: the base
 };
 
+/// The parts of a scene and of robots, where they are, and their pairs.
 class Cell {
  public:
   /// Adds the bodies of a scene, where they stand there. Before the robots. Throws Error for shapes whose distance is not measured.
@@ -40,8 +41,8 @@ class Cell {
   std::string add(const scene::PlacedRobot& robot, bool floats);
   /// Adds what a link (−1: the base) of the last robot carries.
   void add_tool(const std::string& name, std::span<const scene::Shape> shapes, int link);
-  /// Pairs of which one moves, except bodies of the scene with each other, a link and those that it is joined to or their tools, and `ignore`:
-  /// "link_5:table". Throws Error for names that are unknown.
+  /// All pairs of which one part moves, except bodies of the scene with one another, links that a joint connects, a tool with its link and with others
+  /// on that link, and what `ignore` names, "link_5:table". Throws Error for unknown names.
   void find_pairs(std::span<const std::string> ignore);
 
   std::vector<Part> parts;
