@@ -17,75 +17,28 @@ constexpr double kFinest = 1e-6;                          // m
 constexpr double kLeastError = 1e-4, kLeastShare = 1e-3;  // of the least distance: m, 1
 constexpr int kGrid = 16;                                 // intervals at the beginning
 
-/// One robot in motion.
-struct Mover {
-  const robot::RobotModel* model = nullptr;
-  Pose X_WB;
-  const Motion* motion = nullptr;
-  bool first = false;                                    // of the robots
-  std::vector<double> dq_max, ddq_max;                   // by joint; empty: it rests
-  double at = std::numeric_limits<double>::quiet_NaN();  // s, at which its parts are
-  std::vector<Pose> X_WL;
-  std::vector<Twist> V_WL;
-  double from = at, to = at;  // s, of `moved`
-  std::vector<double> q, dq, dq_from, ddq, moved;
-
-  void follow(const Motion& given);
-  bool rests() const { return dq_max.empty(); }
-  void find(double t);
-  void find_moved(double from, double to);
-};
-
-void Mover::follow(const Motion& given) {
-  motion = &given;
-  at = from = to = std::numeric_limits<double>::quiet_NaN();
-  const std::size_t n = model->joints.size();
-  q = given.q;
-  for (auto* values : {&q, &dq, &dq_from, &ddq, &moved}) values->resize(n);
-  std::ranges::fill(dq, 0.0);
-  X_WL.resize(model->bodies.size());
-  V_WL.resize(model->bodies.size());
-  dq_max.clear();
-  ddq_max.clear();
-  for (std::size_t j = 0; j < given.path.joints(); ++j) {
-    dq_max.push_back(std::abs(given.path.range(j, 1).largest().value));
-    ddq_max.push_back(std::abs(given.path.range(j, 2).largest().value));
-  }
-}
-
-/// q and dq at t, also of a motion that loops.
-void Mover::find(double t) {
-  if (rests()) return;
-  const double T = motion->period, begin = motion->path.end() - T;
-  bool back = false;
-  if (motion->loop != Motion::Loop::kNo && t > begin + T) {
-    const double cycles = std::floor((t - begin) / T);
-    t -= cycles * T;
-    back = motion->loop == Motion::Loop::kThereAndBack && std::fmod(cycles, 2) == 1;
-  }
-  motion->path.at(back ? 2 * begin + T - t : t, q, dq, ddq);
-  for (double& speed : dq) speed = back ? -speed : speed;
-}
-
-/// Upper bounds of how far the joints move between two times, in `moved`; then q is that at the first one.
-void Mover::find_moved(double begin, double end) {
-  if (rests() || (from == begin && to == end)) return;
-  from = begin;
-  to = end;
-  const double h = end - begin;
-  find(end);
-  dq_from.swap(dq);
-  find(begin);
-  for (std::size_t j = 0; j < moved.size(); ++j) {
-    // Others may begin and end in between, with a speed.
-    const double change = ddq_max[j] * (first ? h / 2 : h);
-    moved[j] = h * std::min(dq_max[j], std::max(std::abs(dq[j]), std::abs(dq_from[j])) + change);
-  }
-}
-
 }  // namespace
 
 struct Checker::Impl {
+  /// One robot in motion.
+  struct Mover {
+    const robot::RobotModel* model = nullptr;
+    Pose X_WB;
+    const Motion* motion = nullptr;
+    bool first = false;                                    // of the robots
+    std::vector<double> dq_max, ddq_max;                   // by joint; empty: it rests
+    double at = std::numeric_limits<double>::quiet_NaN();  // s, at which its parts are
+    std::vector<Pose> X_WL;
+    std::vector<Twist> V_WL;
+    double from = at, to = at;  // s, of `moved`
+    std::vector<double> q, dq, dq_from, ddq, moved;
+
+    void follow(const Motion& given);
+    bool rests() const { return dq_max.empty(); }
+    void find(double t);
+    void find_moved(double from, double to);
+  };
+
   std::vector<Stand> robots;
   double clearance;
   std::vector<std::string> notes;
@@ -154,6 +107,53 @@ struct Checker::Impl {
   bool meets(double begin, double end, bool again);
 };
 
+void Checker::Impl::Mover::follow(const Motion& given) {
+  motion = &given;
+  at = from = to = std::numeric_limits<double>::quiet_NaN();
+  const std::size_t n = model->joints.size();
+  q = given.q;
+  for (auto* values : {&q, &dq, &dq_from, &ddq, &moved}) values->resize(n);
+  std::ranges::fill(dq, 0.0);
+  X_WL.resize(model->bodies.size());
+  V_WL.resize(model->bodies.size());
+  dq_max.clear();
+  ddq_max.clear();
+  for (std::size_t j = 0; j < given.path.joints(); ++j) {
+    dq_max.push_back(std::abs(given.path.range(j, 1).largest().value));
+    ddq_max.push_back(std::abs(given.path.range(j, 2).largest().value));
+  }
+}
+
+/// q and dq at t, also of a motion that loops.
+void Checker::Impl::Mover::find(double t) {
+  if (rests()) return;
+  const double T = motion->period, begin = motion->path.end() - T;
+  bool back = false;
+  if (motion->loop != Motion::Loop::kNo && t > begin + T) {
+    const double cycles = std::floor((t - begin) / T);
+    t -= cycles * T;
+    back = motion->loop == Motion::Loop::kThereAndBack && std::fmod(cycles, 2) == 1;
+  }
+  motion->path.at(back ? 2 * begin + T - t : t, q, dq, ddq);
+  for (double& speed : dq) speed = back ? -speed : speed;
+}
+
+/// Upper bounds of how far the joints move between two times, in `moved`; then q is that at the first one.
+void Checker::Impl::Mover::find_moved(double begin, double end) {
+  if (rests() || (from == begin && to == end)) return;
+  from = begin;
+  to = end;
+  const double h = end - begin;
+  find(end);
+  dq_from.swap(dq);
+  find(begin);
+  for (std::size_t j = 0; j < moved.size(); ++j) {
+    // Others may begin and end in between, with a speed.
+    const double change = ddq_max[j] * (first ? h / 2 : h);
+    moved[j] = h * std::min(dq_max[j], std::max(std::abs(dq[j]), std::abs(dq_from[j])) + change);
+  }
+}
+
 /// From `begin` to `end`, between which no tool comes or goes; then `least` is the first time. `again`: what stands was passed before.
 bool Checker::Impl::meets(double begin, double end, bool again) {
   std::vector<const Pair*> present;
@@ -217,11 +217,10 @@ Checker::Checker(const scene::Scene& scene, std::vector<Stand> robots, const Opt
       if (part.body.empty()) without += (without.empty() ? "no shapes of " : ", ") + part.name;
     }
     if (!without.empty()) all.notes.push_back(without + ", which meet nothing");
-    Mover mover;
+    Impl::Mover& mover = all.movers.emplace_back();
     mover.model = &stand.robot.model;
     mover.X_WB = stand.X_WB;
-    mover.first = all.movers.empty();
-    all.movers.push_back(std::move(mover));
+    mover.first = all.movers.size() == 1;
   }
   if (!open.empty()) all.notes.push_back("not closed, so that nothing counts as inside: " + open);
   if (!moving.empty()) all.notes.push_back("taken to stand where the scene has them: " + moving);
