@@ -28,7 +28,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   collision::Detector detector(scene);
   for (const double margin : {0.0, 0.01}) {
     detector.detect(poses, margin);
-    for (const contact_world::ContactPoint& p : detector.points()) {
+    for (const collision::ContactPoint& p : detector.points()) {
       if (!std::isfinite(p.gap) || !p.p_W.allFinite() || !(std::abs(p.n_W.norm() - 1) < 1e-6)) std::abort();
     }
   }
