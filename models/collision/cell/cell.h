@@ -1,6 +1,5 @@
 #pragma once
 #include <Eigen/Core>
-#include <cmath>
 #include <cstddef>
 #include <span>
 #include <string>

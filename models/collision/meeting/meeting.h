@@ -56,7 +56,7 @@ struct Verdict {
 };
 
 /// Answers for one robot, the first, among others that move or stand, and a scene whose bodies all stand. Nothing is passed, however thin it is
-/// (sweep.h): the joints' speeds and levers bound the ways of the points of a pair.
+/// (sweep.h): the joints' speeds and levers bound how far the points of a pair move.
 class Checker {
  public:
   /// Throws Error for a robot without shapes, shapes whose distance is not measured, and unknown names in `ignore`.
