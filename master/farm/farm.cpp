@@ -7,10 +7,10 @@
 #include <chrono>
 #include <cmath>
 #include <condition_variable>
-#include <deque>
 #include <exception>
 #include <mutex>
 #include <optional>
+#include <set>
 #include <thread>
 #include <type_traits>
 #include <utility>
@@ -197,40 +197,49 @@ RunRow Farm::run(std::int64_t number, const std::function<bool()>& stops) const 
   return row;
 }
 
-bool Farm::fill(Registry& registry, int threads, const FarmHooks& hooks) const {
-  const std::vector<bool> over = registry.over(study_.design.runs);
-  const Registry::Totals before = registry.totals();
-  std::int64_t ended = before.done + before.failed, failed = before.failed;
-  registry.begin_session(threads);
+std::vector<RunRow> Farm::sample(const std::function<bool()>& stops) const {
+  constexpr double kMostSampled = 20;  // s
+  std::vector<RunRow> rows;
+  double seconds = 0;
+  for (const std::int64_t number : std::set{std::int64_t{1}, (study_.design.runs + 1) / 2, study_.design.runs}) {
+    if (seconds > kMostSampled) break;
+    RunRow row = run(number, stops);
+    if (stops()) break;  // perhaps in its middle
+    seconds += row.seconds;
+    rows.push_back(std::move(row));
+  }
+  return rows;
+}
 
+void Farm::run_all(int threads, const std::function<std::int64_t()>& next, const std::function<bool()>& stops,
+                   const std::function<void(std::span<const RunRow>)>& sink) const {
   std::mutex mutex;
   std::condition_variable has_rows, has_room;
-  std::deque<RunRow> rows;
-  std::int64_t next = 0;
+  std::vector<RunRow> rows;
   int working = threads;
   std::exception_ptr trouble;
   std::atomic<bool> ends = false;
-  const auto stops = [&] { return ends || hooks.stops(); };
+  const auto is_ended = [&] { return ends || stops(); };
   const auto work = [&] {
     for (;;) {
       std::int64_t number = 0;
       {
         std::unique_lock lock(mutex);
         has_room.wait(lock, [&] { return ends || rows.size() < kMostWaiting; });
-        while (next < study_.design.runs && over[static_cast<std::size_t>(next)]) ++next;
-        if (stops() || next >= study_.design.runs) break;
-        number = ++next;
+        if (is_ended()) break;
+        number = next();
+        if (number == 0) break;
       }
       RunRow row;
       try {
-        row = run(number, stops);
+        row = run(number, is_ended);
       } catch (...) {
         const std::lock_guard lock(mutex);
         trouble = std::current_exception();
         ends = true;
         break;
       }
-      if (stops()) break;  // perhaps in its middle
+      if (is_ended()) break;  // perhaps in its middle
       const std::lock_guard lock(mutex);
       rows.push_back(std::move(row));
       has_rows.notify_one();
@@ -243,7 +252,7 @@ bool Farm::fill(Registry& registry, int threads, const FarmHooks& hooks) const {
   for (int k = 0; k < threads; ++k) workers.emplace_back(work);
   try {
     for (bool is_last = false; !is_last;) {
-      std::deque<RunRow> batch;
+      std::vector<RunRow> batch;
       {
         std::unique_lock lock(mutex);
         has_rows.wait_for(lock, std::chrono::milliseconds(200), [&] { return !rows.empty() || working == 0; });
@@ -251,10 +260,7 @@ bool Farm::fill(Registry& registry, int threads, const FarmHooks& hooks) const {
         is_last = working == 0;
         has_room.notify_all();
       }
-      if (!batch.empty()) registry.add(std::vector<RunRow>(batch.begin(), batch.end()));
-      ended += static_cast<std::int64_t>(batch.size());
-      failed += std::ranges::count_if(batch, [](const RunRow& row) { return !row.failure.empty(); });
-      hooks.progress(ended, failed);
+      sink(batch);
     }
   } catch (...) {
     {
@@ -267,6 +273,23 @@ bool Farm::fill(Registry& registry, int threads, const FarmHooks& hooks) const {
   }
   workers.clear();
   if (trouble) std::rethrow_exception(trouble);
+}
+
+bool Farm::fill(Registry& registry, int threads, const FarmHooks& hooks) const {
+  const std::vector<bool> over = registry.over(study_.design.runs);
+  const Registry::Totals before = registry.totals();
+  std::int64_t ended = before.done + before.failed, failed = before.failed;
+  const std::int64_t session = registry.begin_session(this_process(threads));
+  const auto next = [&, last = std::int64_t{0}]() mutable {
+    while (last < study_.design.runs && over[static_cast<std::size_t>(last)]) ++last;
+    return last < study_.design.runs ? ++last : 0;
+  };
+  run_all(threads, next, hooks.stops, [&](std::span<const RunRow> rows) {
+    if (!rows.empty()) registry.add(rows, session);
+    ended += static_cast<std::int64_t>(rows.size());
+    failed += std::ranges::count_if(rows, [](const RunRow& row) { return !row.failure.empty(); });
+    hooks.progress(ended, failed, "");
+  });
   return ended == study_.design.runs;
 }
 
@@ -278,11 +301,11 @@ std::size_t Farm::bytes_of_twin() const {
   return used() - before;
 }
 
-std::string difference(Registry& registry, const Facts& now) {
+std::string difference(const Facts& was, const Facts& now) {
   std::string all;
   for (const auto& [name, value] : now) {
-    if (const std::string was = registry.fact(name); was != value)
-      text::append(all, "the " + name + " is " + value + ", was " + was, "; ");
+    if (const std::string& before = fact_of(was, name, "the study"); before != value)
+      text::append(all, "the " + name + " is " + value + ", was " + before, "; ");
   }
   return all;
 }

@@ -21,7 +21,8 @@ namespace cotwin::master {
 /// All must be given.
 struct FarmHooks {
   std::function<bool()> stops;  // asked often, on any thread: whether the farm ends here
-  std::function<void(std::int64_t over, std::int64_t failed)> progress;  // called a few times a second, on the caller's thread
+  /// Called a few times a second, on the caller's thread. `where`: what runs elsewhere, "3 RUNNING"; empty on threads.
+  std::function<void(std::int64_t over, std::int64_t failed, const std::string& where)> progress;
 };
 
 class Farm {
@@ -38,6 +39,12 @@ class Farm {
   /// One run on the calling thread. What goes wrong in it is its failure. Thread-safe. A run that `stops` is not over: `time` says how
   /// far it came.
   RunRow run(std::int64_t number, const std::function<bool()>& stops) const;
+  /// The first run, the one in the middle and the last one, to learn their cost; fewer where that takes longer than 20 s.
+  std::vector<RunRow> sample(const std::function<bool()>& stops) const;
+  /// Makes the runs that `next` names, which is not called on two threads at once, until it returns 0 or `stops`. A few times a second `sink`
+  /// gets those that are over, on the caller's thread; what it throws ends the runs.
+  void run_all(int threads, const std::function<std::int64_t()>& next, const std::function<bool()>& stops,
+               const std::function<void(std::span<const RunRow>)>& sink) const;
   /// Makes the runs that the registry lacks. Returns whether all are over. Throws Error if the registry cannot be written.
   bool fill(Registry& registry, int threads, const FarmHooks& hooks) const;
 
@@ -61,6 +68,6 @@ class Farm {
 };
 
 /// What differs between a study's facts and those of now, as "the program is cotwin 0.2.0 …, was …"; empty: nothing.
-std::string difference(Registry& registry, const Facts& now);
+std::string difference(const Facts& was, const Facts& now);
 
 }  // namespace cotwin::master

@@ -83,10 +83,22 @@ fs::path made(const fs::path& folder) {
 
 }  // namespace
 
+const std::string& fact_of(const Facts& facts, const std::string& name, const std::string& place) {
+  const auto found = std::ranges::find(facts, name, &Facts::value_type::first);
+  if (found == facts.end()) throw Error(place, "lacks '" + name + "', expected a study of this version of cotwin");
+  return found->second;
+}
+
+Maker this_process(int threads) {
+  std::array<char, 256> host{};
+  if (gethostname(host.data(), host.size() - 1) != 0) host[0] = '\0';
+  return {host.data(), getpid(), threads};
+}
+
 Registry::Registry(const fs::path& folder, bool owned, const std::string& schema)
     : owner_(owned ? std::optional<database::OwnerLock>(std::in_place, folder / kFile) : std::nullopt),
       database_(folder / kFile, {kApplication, "one of a study", kVersion, schema}, owned) {
-  read_columns();
+  read_facts();
 }
 
 Registry::Registry(const fs::path& folder, const Facts& facts, const std::vector<std::string>& factors,
@@ -105,24 +117,18 @@ Registry::Registry(const fs::path& folder, bool reads)
                    : throw Error(folder.string(), std::string("has no study, expected the file ") + kFile + " in it"),
                !reads, "") {}
 
-void Registry::read_columns() {
+void Registry::read_facts() {
+  database::Statement row = database_.query("SELECT name, value FROM study");
+  while (row.step()) facts_.emplace_back(row.text(0), row.text(1));
   const auto names = [this](const char* of) { return nlohmann::json::parse(fact(of)).get<std::vector<std::string>>(); };
   factors_ = names("factors");
   figures_ = names("figures");
 }
 
-std::string Registry::fact(const std::string& name) {
-  database::Statement row = database_.query("SELECT value FROM study WHERE name = ?", name);
-  if (!row.step()) throw Error(database_.file(), "lacks '" + name + "', expected a study of this version of cotwin");
-  return row.text(0);
-}
-
-void Registry::begin_session(int threads) {
-  std::array<char, 256> host{};
-  if (gethostname(host.data(), host.size() - 1) != 0) host[0] = '\0';
+std::int64_t Registry::begin_session(const Maker& maker) {
   database_.run("INSERT INTO sessions(begun, host, process, threads) VALUES (strftime('%Y-%m-%dT%H:%M:%SZ', 'now'), ?, ?, ?)",
-                host.data(), static_cast<std::int64_t>(getpid()), threads);
-  session_ = database_.last_row();
+                maker.host, maker.process, maker.threads);
+  return database_.last_row();
 }
 
 std::string Registry::insert_statement() const {
@@ -131,12 +137,12 @@ std::string Registry::insert_statement() const {
   return "INSERT INTO runs VALUES (" + marks + ")";
 }
 
-void Registry::add(std::span<const RunRow> rows) {
+void Registry::add(std::span<const RunRow> rows, std::int64_t session) {
   const std::string insert = insert_statement();
   database::Transaction transaction(database_, false);
   for (const RunRow& row : rows) {
     database::Statement statement =
-        database_.query(insert, row.run, row.failure.empty() ? "done" : "failed", row.success, row.time, row.seconds, session_,
+        database_.query(insert, row.run, row.failure.empty() ? "done" : "failed", row.success, row.time, row.seconds, session,
                         static_cast<std::int64_t>(row.warnings.size()),
                         row.failure.empty() ? std::optional<std::string_view>() : std::optional<std::string_view>(row.failure));
     for (const std::string& value : row.values) {

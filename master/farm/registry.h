@@ -27,6 +27,16 @@ struct RunRow {
 
 /// Named texts on which the results of a study depend.
 using Facts = std::vector<std::pair<std::string, std::string>>;
+/// Throws Error at `place` for a fact that is not there.
+const std::string& fact_of(const Facts& facts, const std::string& name, const std::string& place);
+
+/// A process that makes runs.
+struct Maker {
+  std::string host;
+  std::int64_t process = 0;
+  int threads = 1;
+};
+Maker this_process(int threads);
 
 class Registry {
  public:
@@ -38,12 +48,13 @@ class Registry {
   /// Opens the registry of a study. `reads`: beside a farm that may add runs. Otherwise no other process may add runs. Throws Error.
   Registry(const std::filesystem::path& folder, bool reads);
 
+  const Facts& facts() const { return facts_; }
   /// Throws Error for a fact that is not there.
-  std::string fact(const std::string& name);
-  /// Begins a session of this process, to which the runs belong that are added.
-  void begin_session(int threads);
+  const std::string& fact(const std::string& name) const { return fact_of(facts_, name, database_.file()); }
+  /// Begins a session, the number of which is returned.
+  std::int64_t begin_session(const Maker& maker);
   /// In one transaction, which survives the end of the process.
-  void add(std::span<const RunRow> rows);
+  void add(std::span<const RunRow> rows, std::int64_t session);
 
   /// Whether each run from 1 to `runs` is over.
   std::vector<bool> over(std::int64_t runs);
@@ -71,13 +82,13 @@ class Registry {
 
  private:
   Registry(const std::filesystem::path& folder, bool owned, const std::string& schema);
-  void read_columns();
+  void read_facts();
   std::string insert_statement() const;
 
   std::optional<database::OwnerLock> owner_;
   database::Database database_;
+  Facts facts_;
   std::vector<std::string> factors_, figures_;  // names of their columns
-  std::int64_t session_ = 0;
 };
 
 }  // namespace cotwin::master

@@ -40,6 +40,9 @@ const UnitCatalogue& catalogue() {
     }
     const std::vector<fs::path>& named = modules_of_command_line();
     modules.insert(modules.end(), named.begin(), named.end());
+    std::string absolute;  // for this program on other machines
+    for (const fs::path& module : modules) text::append(absolute, fs::absolute(module).string(), ":");
+    if (!modules.empty()) setenv("COTWIN_UNITS", absolute.c_str(), 1);
     return load_units(unit_types(), modules);
   }();
   return all;

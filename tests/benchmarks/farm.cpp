@@ -23,7 +23,7 @@ using namespace cotwin::master;
 using cotwin::testing::TemporaryFolder;
 
 const std::filesystem::path kScenario = std::filesystem::path(places::source()) / "examples/02_free_motion_lwr4/twin.ssd";
-const FarmHooks kHooks{[] { return false; }, [](std::int64_t, std::int64_t) {}};
+const FarmHooks kHooks{[] { return false; }, [](std::int64_t, std::int64_t, const std::string&) {}};
 
 Farm farm_of(int runs, double stop) {
   nlohmann::ordered_json study{{"scenario", kScenario.string()}, {"runs", runs}, {"stop_s", stop}};
@@ -70,7 +70,7 @@ void question() {
   std::vector<std::string> names;
   for (int i = 0; i < 10; ++i) names.push_back("peak x" + std::to_string(i));
   Registry registry(folder.path(), {{"study", ""}}, {"a", "b", "c"}, names);
-  registry.begin_session(1);
+  const std::int64_t session = registry.begin_session(this_process(1));
   std::vector<RunRow> rows;
   for (std::int64_t run = 1; run <= runs; ++run) {
     RunRow row;
@@ -80,7 +80,7 @@ void question() {
     row.figures.assign(10, 1.0 / static_cast<double>(run));
     rows.push_back(std::move(row));
     if (rows.size() < 10'000 && run < runs) continue;
-    registry.add(rows);
+    registry.add(rows, session);
     rows.clear();
   }
   const double begin = benchmark::wall_seconds();

@@ -1,4 +1,7 @@
-// cotwin farm: the runs of a study on all cores; resume, status, export, repeat.
+// cotwin farm: the runs of a study on all cores or on Slurm; resume, cancel, status, export, repeat.
+#include <unistd.h>
+
+#include <atomic>
 #include <cerrno>
 #include <csignal>
 #include <iostream>
@@ -9,6 +12,7 @@
 #include "components/services/json/json.h"
 #include "components/services/json/request.h"
 #include "master/farm/farm.h"
+#include "master/farm/slurm.h"
 #include "master/program/commands/commands.h"
 #include "master/program/interrupt.h"
 #include "master/program/progress_line.h"
@@ -26,6 +30,7 @@ namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
 constexpr std::size_t kMostMessages = 10;
+constexpr const char* kCancelFile = "cancel";  // in the folder of a study: the farm ends
 
 struct FarmArguments {
   fs::path file, out, csv;  // file: a study or a scenario, or the folder of a study
@@ -33,9 +38,15 @@ struct FarmArguments {
   std::string design, table, view, json;
   std::optional<std::int64_t> runs, seed;
   std::optional<double> stop, limit;
-  int threads = static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
+  std::string on, partition;  // on: "slurm"; empty: this machine
+  std::optional<int> threads;
   bool dry_run = false, quiet = false;
-  std::int64_t run = 0;  // of repeat
+  std::int64_t run = 0;  // of repeat; the chunk of a batch
+
+  /// Of this machine all, of a chunk one.
+  int threads_or_default() const {
+    return threads.value_or(on.empty() ? static_cast<int>(std::max(1u, std::thread::hardware_concurrency())) : 1);
+  }
 };
 
 /// The study of a file, or nothing but the scenario of one.
@@ -124,50 +135,85 @@ void report(const FarmArguments& a, const std::string& name, const fs::path& fol
   if (!a.quiet && a.json != "-") print(std::cout, name, runs, registry);
 }
 
+/// The program and its environment, as a node needs them.
+SlurmOptions slurm_options(const FarmArguments& a) {
+  SlurmOptions options;
+  options.partition = a.partition;
+  options.program = fs::read_symlink("/proc/self/exe").string();
+  options.threads = a.threads_or_default();
+  for (char** entry = environ; *entry != nullptr; ++entry) {
+    const std::string text = *entry;
+    const std::size_t equals = text.find('=');
+    if (text.starts_with("COTWIN_") && equals != std::string::npos)
+      options.environment.emplace_back(text.substr(0, equals), text.substr(equals + 1));
+  }
+  return options;
+}
+
 /// Makes what the registry lacks. Returns the exit code.
-int fill(const FarmArguments& a, const Farm& farm, const fs::path& folder, Registry& registry) {
+int fill(const FarmArguments& a, const Farm& farm, const Facts& facts, const fs::path& folder, Registry& registry) {
   note_signals();
   const std::int64_t runs = farm.study().design.runs;
+  const fs::path chunks = folder / kChunksFolder, cancel_file = folder / kCancelFile;
+  std::error_code none;
+  fs::remove(cancel_file, none);
+  std::atomic<bool> is_cancelled = false;
   bool is_over = false;
   {
     ProgressLine line(!a.quiet);
-    const FarmHooks hooks{[] { return stop_signal() != 0; },
-                          [&](std::int64_t over, std::int64_t failed) {
+    const auto tell = [&line](const std::string& what) {
+      line.clear();
+      std::cerr << "cotwin: " << what << '\n';
+    };
+    const FarmHooks hooks{[&] { return stop_signal() != 0 || is_cancelled; },
+                          [&](std::int64_t over, std::int64_t failed, const std::string& where) {
+                            if (fs::exists(cancel_file, none)) is_cancelled = true;
                             if (!line.is_due()) return;
                             line.update("run " + std::to_string(over) + " of " + std::to_string(runs) +
-                                            (failed > 0 ? ", " + std::to_string(failed) + " failed" : ""),
+                                            (failed > 0 ? ", " + std::to_string(failed) + " failed" : "") +
+                                            (where.empty() ? "" : "; chunks: " + where),
                                         static_cast<double>(over) / static_cast<double>(runs));
                           }};
-    is_over = farm.fill(registry, a.threads, hooks);
+    if (a.on.empty()) {
+      if (!files_of_batches(chunks).empty())
+        throw Error(folder.string(),
+                    "has chunks in Slurm, expected --on slurm, or first: cotwin farm cancel " + folder.string());
+      Merger(farm, facts, registry, chunks, tell).merge();
+      is_over = farm.fill(registry, a.threads_or_default(), hooks);
+    } else {
+      if (const Registry::Totals t = registry.totals(); t.done + t.failed == 0)
+        registry.add(farm.sample(hooks.stops), registry.begin_session(this_process(1)));
+      is_over = fill_on_slurm(farm, facts, registry, folder, slurm_options(a), hooks, tell);
+    }
   }
   report(a, farm.study().name, folder, runs, registry);
-  if (!is_over) {
-    std::cerr << "cotwin: stopped by " << name_of_signal(stop_signal()) << "; continue with: cotwin farm resume "
-              << folder.string() << '\n';
-    return kExitSignalled + stop_signal();
-  }
-  return registry.totals().done > 0 ? kExitDone : kExitRunFailed;
+  if (is_over) return registry.totals().done > 0 ? kExitDone : kExitRunFailed;
+  const bool is_stopped = stop_signal() != 0 || is_cancelled;
+  std::cerr << "cotwin: "
+            << (is_cancelled ? "stopped by cotwin farm cancel; "
+                : is_stopped ? std::string("stopped by ") + name_of_signal(stop_signal()) + "; "
+                             : "")
+            << "continue with: cotwin farm resume " << folder.string() << (a.on.empty() ? "" : " --on slurm") << '\n';
+  return !is_stopped ? kExitRunFailed : kExitSignalled + (is_cancelled ? SIGTERM : stop_signal());
 }
 
 /// What the runs will need, from a few of them.
 int dry_run(const Farm& farm, const FarmArguments& a) {
   note_signals();
-  constexpr double kMostSeconds = 20;
   const std::int64_t runs = farm.study().design.runs;
-  double seconds = 0, made = 0;
-  for (const std::int64_t number : {std::int64_t{1}, (runs + 1) / 2, runs}) {
-    if (seconds > kMostSeconds) break;
-    const RunRow row = farm.run(number, [] { return stop_signal() != 0; });
-    if (stop_signal() != 0) return kExitSignalled + stop_signal();
+  double seconds = 0;
+  const std::vector<RunRow> rows = farm.sample([] { return stop_signal() != 0; });
+  if (stop_signal() != 0) return kExitSignalled + stop_signal();
+  for (const RunRow& row : rows) {
     seconds += row.seconds;
-    ++made;
-    if (!row.failure.empty()) std::cout << "run " << number << " fails: " << row.failure << '\n';
+    if (!row.failure.empty()) std::cout << "run " << row.run << " fails: " << row.failure << '\n';
   }
+  const auto made = static_cast<double>(rows.size());
   const double all = static_cast<double>(runs) * seconds / made;
   const auto columns = static_cast<double>(farm.study().design.factors.size() + farm.figures().size());
   std::cout << farm.study().name << ": " << text::counted(runs, "run") << " of " << duration(seconds / made) << ", "
-            << duration_text(all / a.threads) << " on " << text::counted(a.threads, "thread") << "; disk "
-            << bytes(static_cast<double>(runs) * (9 * columns + 40)) << "; memory "
+            << duration_text(all / a.threads_or_default()) << " on " << text::counted(a.threads_or_default(), "thread")
+            << "; disk " << bytes(static_cast<double>(runs) * (9 * columns + 40)) << "; memory "
             << bytes(static_cast<double>(farm.bytes_of_twin())) << " a twin\n"
             << "  kept: " << text::joined(farm.figures()) << '\n';
   return kExitDone;
@@ -191,8 +237,7 @@ Study stored_study(Registry& registry, const fs::path& folder) {
 }
 
 /// Enters the working directory in which a study began, to which its assignments may be relative.
-void enter_origin(Registry& registry, const fs::path& folder) {
-  const fs::path origin = registry.fact("folder");
+void enter_origin(const fs::path& origin, const fs::path& folder) {
   std::error_code error;
   fs::current_path(origin, error);
   if (error) throw Error(folder.string(), "began in " + origin.string() + ", which cannot be entered: " + error.message());
@@ -215,12 +260,13 @@ int begin(const FarmArguments& a) {
   const fs::path folder = a.out.empty() ? fs::path("results") / (file_name_of(farm.study().name) + ".farm") : a.out;
   Facts facts = farm.facts(this_build());
   facts.emplace_back("folder", fs::current_path().string());
+  const Facts of_runs = facts;
   facts.emplace_back("file", is_study ? fs::absolute(a.file).string() : "");
   facts.emplace_back("content", file.dump());
   std::vector<std::string> factors;
   for (const Factor& factor : farm.study().design.factors) factors.push_back(factor.name);
   Registry registry(folder, facts, factors, farm.figures());
-  return fill(a, farm, folder, registry);
+  return fill(a, farm, of_runs, folder, registry);
 }
 
 int resume(const FarmArguments& given) {
@@ -229,23 +275,75 @@ int resume(const FarmArguments& given) {
   const fs::path shown = a.file, folder = fs::absolute(a.file);
   if (!a.json.empty() && a.json != "-") a.json = fs::absolute(a.json).string();
   Registry registry(folder, false);
-  enter_origin(registry, shown);
+  enter_origin(registry.fact("folder"), shown);
   const Farm farm(stored_study(registry, shown), units());
-  std::string differs = difference(registry, farm.facts(this_build()));
+  Facts facts = farm.facts(this_build());
+  std::string differs = difference(registry.facts(), facts);
   if (const fs::path file = registry.fact("file"); !file.empty() && fs::exists(file)) {
     const std::string changed = changes(read_file(file), Json::parse(registry.fact("content")));
     if (!changed.empty()) text::append(differs, changed, "; ");
   }
   if (!differs.empty())
     throw Error(shown.string(), "cannot be resumed, its runs would not belong together: " + differs + "; expected no change");
-  return fill(a, farm, shown, registry);
+  facts.emplace_back("folder", registry.fact("folder"));
+  return fill(a, farm, facts, folder, registry);
 }
 
 int status(const FarmArguments& a) {
   Registry registry(a.file, true);
   const Study study = stored_study(registry, a.file);
   report(a, study.name, a.file, study.design.runs, registry);
+  if (a.json != "-" && !files_of_batches(a.file / kChunksFolder).empty()) {
+    try {
+      const std::string queued = chunks_in_slurm(a.file);
+      std::cout << "  chunks in Slurm: " << (queued.empty() ? "none" : queued) << '\n';
+    } catch (const Error& error) {
+      std::cout << "  chunks in Slurm: unknown, " << error.what() << '\n';
+    }
+  }
   return kExitDone;
+}
+
+/// Ends the farm of a folder, wherever it runs, and its chunks in the queue.
+int cancel(const FarmArguments& a) {
+  Registry(a.file, true);
+  write_file(a.file / kCancelFile, "");
+  for (int tries = 1;; ++tries) {
+    try {
+      const database::OwnerLock owner(a.file / Registry::kFile);
+      fs::remove(a.file / kCancelFile);
+      if (!files_of_batches(a.file / kChunksFolder).empty()) cancel_in_slurm(a.file);
+      break;
+    } catch (const database::InUse&) {
+      if (tries == 600) throw;
+      std::this_thread::sleep_for(std::chrono::milliseconds(100));
+    }
+  }
+  if (!a.quiet) std::cout << "cancelled; continue with: cotwin farm resume " << a.file.string() << '\n';
+  return kExitDone;
+}
+
+/// On a node: makes a chunk of the batch in a file.
+int chunk(const FarmArguments& a) {
+  end_on_signals(" while a chunk is prepared\n");
+  const fs::path file = fs::absolute(a.file), folder = file.parent_path();
+  const Batch batch = read_batch(file);
+  const auto index = static_cast<std::size_t>(a.run);
+  if (index >= batch.chunks.size())
+    throw Error("CHUNK", std::to_string(a.run) + ", expected 0 to " + std::to_string(batch.chunks.size() - 1));
+  std::optional<Farm> farm;
+  try {
+    enter_origin(fact_of(batch.facts, "folder", file.string()), file);
+    farm.emplace(read_study(Json::parse(fact_of(batch.facts, "study", file.string())), file.string(), "/"), units());
+    if (const std::string differs = difference(batch.facts, farm->facts(this_build())); !differs.empty())
+      throw Error("its runs would not belong to the others", differs);
+  } catch (const Error& error) {
+    refuse_chunk(batch, index, folder, error.what());
+    throw;
+  }
+  note_signals();
+  make_chunk(*farm, batch, index, folder, [] { return stop_signal() != 0; });
+  return stop_signal() == 0 ? kExitDone : kExitSignalled + stop_signal();
 }
 
 int export_runs(const FarmArguments& a) {
@@ -268,7 +366,7 @@ int repeat(const FarmArguments& a) {
   ScenarioRun run;
   {
     Registry registry(folder, true);
-    enter_origin(registry, a.file);
+    enter_origin(registry.fact("folder"), a.file);
     const Study study = stored_study(registry, a.file);
     if (a.run < 1 || a.run > study.design.runs)
       throw Error("RUN", std::to_string(a.run) + ", expected 1 to " + std::to_string(study.design.runs));
@@ -291,15 +389,21 @@ int repeat(const FarmArguments& a) {
 
 void add_farm(CLI::App& app, Chosen& chosen) {
   const auto all = std::make_shared<FarmArguments>();
-  CLI::App* farm = app.add_subcommand("farm", "Run a study: many runs of a scenario with different values, on all cores");
+  CLI::App* farm =
+      app.add_subcommand("farm", "Run a study: many runs of a scenario with different values, on all cores or on Slurm");
   const auto texts = [&](const char* name, std::vector<std::string>& to, const char* what, const char* type) {
     farm->add_option(name, to, what)->type_name(type)->allow_extra_args(false);
   };
   const auto add_common = [&](CLI::App* command) {
-    command->add_option("--threads", all->threads, "Number of threads")
+    command
+        ->add_option("--threads", all->threads,
+                     "Number of threads (default: all of this machine), with --on slurm of each chunk (1)")
         ->check(CLI::Range(1, 1024))
-        ->type_name("N")
-        ->capture_default_str();
+        ->type_name("N");
+    command->add_option("--on", all->on, "Where the runs are made: slurm, as job arrays (default: this machine)")
+        ->check(CLI::IsMember({"slurm"}))
+        ->type_name("slurm");
+    command->add_option("--partition", all->partition, "Of Slurm")->needs("--on")->type_name("NAME");
     command->add_option("--json", all->json, "Write the figures as JSON, to stdout with -")->type_name("FILE|-");
     command->add_flag("--quiet", all->quiet, "No progress and no table");
   };
@@ -341,6 +445,10 @@ void add_farm(CLI::App& app, Chosen& chosen) {
   add_common(add("resume", "Make the runs that are missing", resume));
   CLI::App* told = add("status", "Tell how far a study is, and its figures so far", status);
   told->add_option("--json", all->json, "Write the figures as JSON, to stdout with -")->type_name("FILE|-");
+  add("cancel", "End the farm of a study, and its chunks in Slurm", cancel);
+  CLI::App* part = add("chunk", "On a node of a cluster: make a chunk of a study", chunk);
+  part->add_option("CHUNK", all->run, "Number of the chunk, from 0")->required()->check(CLI::NonNegativeNumber);
+  part->group("");  // not for users
   add("export", "Write all runs as CSV", export_runs)
       ->add_option("--csv", all->csv, "File (default: stdout)")
       ->type_name("FILE|-");

@@ -48,7 +48,7 @@ OwnerLock::OwnerLock(const std::filesystem::path& database) {
     if (error != EWOULDBLOCK) throw Error(file, "cannot be locked: " + system_reason(error));
     std::string who(owner.data(), n > 0 ? static_cast<std::size_t>(n) : 0);
     if (const std::size_t end = who.find('\n'); end != std::string::npos) who.resize(end);
-    throw Error(database.string(), "is in use by process " + (who.empty() ? "(unknown)" : who) +
+    throw InUse(database.string(), "is in use by process " + (who.empty() ? "(unknown)" : who) +
                                        ", expected a database that no other process has open");
   }
   std::string who = std::to_string(getpid());

@@ -25,10 +25,16 @@ class DatabaseError : public Error {
   using Error::Error;
 };
 
+/// Another process owns a database.
+class InUse : public Error {
+ public:
+  using Error::Error;
+};
+
 /// A file that one process at a time may own: <database>.owner. The kernel releases it when the process ends, however it ends.
 class OwnerLock {
  public:
-  /// Throws Error that names the database and the process that owns it.
+  /// Throws InUse, which names the database and the process that owns it, or Error.
   explicit OwnerLock(const std::filesystem::path& database);
   ~OwnerLock();
   OwnerLock(const OwnerLock&) = delete;

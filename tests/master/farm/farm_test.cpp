@@ -71,7 +71,7 @@ struct Trial {
 };
 
 FarmHooks hooks(std::function<bool()> stops = [] { return false; }) {
-  return {std::move(stops), [](std::int64_t, std::int64_t) {}};
+  return {std::move(stops), [](std::int64_t, std::int64_t, const std::string&) {}};
 }
 
 /// The registry as CSV, without wall time and session.
@@ -170,7 +170,8 @@ TEST(Farm, KeepsRunsThatFailAndTellsOfTheFirst) {
   const Farm farm = trial.farm();
   Registry registry = trial.begin(farm);
   std::int64_t told = 0;
-  EXPECT_TRUE(farm.fill(registry, 2, {[] { return false; }, [&](std::int64_t, std::int64_t failed) { told = failed; }}));
+  EXPECT_TRUE(farm.fill(registry, 2,
+                        {[] { return false; }, [&](std::int64_t, std::int64_t failed, const std::string&) { told = failed; }}));
   auto all = columns(registry);
   std::int64_t failed = 0;
   std::size_t first = 0;
@@ -281,25 +282,25 @@ TEST(Farm, TellsWhatHasChanged) {
   const Trial trial(R"("runs": 3, "vary": {"tank.u": {"uniform": [0, 1]}})");
   const Farm farm = trial.farm();
   Registry registry = trial.begin(farm);
-  EXPECT_EQ(difference(registry, farm.facts(kBuild)), "");
-  EXPECT_THAT(difference(registry, farm.facts({"0.2.0", 42, "test"})),
+  EXPECT_EQ(difference(registry.facts(), farm.facts(kBuild)), "");
+  EXPECT_THAT(difference(registry.facts(), farm.facts({"0.2.0", 42, "test"})),
               HasSubstr("the program is cotwin 0.2.0 (build 000000000000002a), was cotwin 0.1.0"));
-  EXPECT_EQ(difference(registry, farm.facts({"0.1.0", 42, "other"})), "the instruction set is other, was test");
+  EXPECT_EQ(difference(registry.facts(), farm.facts({"0.1.0", 42, "other"})), "the instruction set is other, was test");
   std::string changed = kScenario;
   changed.replace(changed.find("1 ms"), 4, "2 ms");
   trial.folder.write("plant.ssd", changed);
-  EXPECT_THAT(difference(registry, trial.farm().facts(kBuild)), HasSubstr("the scenario is "));
+  EXPECT_THAT(difference(registry.facts(), trial.farm().facts(kBuild)), HasSubstr("the scenario is "));
 }
 
 TEST(Registry, NamesColumnsThatDifferOnlyInCase) {
   const TemporaryFolder folder("registry");
   Registry registry(folder.path(), {{"study", "s"}}, {"a.K", "a.k", "time"}, {"max a.K", "max a.K", "rms \"x\""});
-  registry.begin_session(1);
+  const std::int64_t session = registry.begin_session(this_process(1));
   RunRow row;
   row.run = 7;
   row.values = {"1", "text", "0.1"};
   row.figures = {1, std::nan(""), INFINITY};
-  registry.add({&row, 1});
+  registry.add({&row, 1}, session);
   std::ostringstream out;
   registry.write(out);
   EXPECT_EQ(
