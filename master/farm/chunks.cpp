@@ -252,11 +252,25 @@ bool Merger::merge() {
   return !files.empty();
 }
 
-std::string text_of(const Ranges& ranges) {
+void add(Ranges& ranges, std::int64_t run) {
+  if (!ranges.empty() && ranges.back().second == run - 1) {
+    ranges.back().second = run;
+  } else {
+    ranges.emplace_back(run, run);
+  }
+}
+
+std::string text_of(Ranges ranges) {
+  std::ranges::sort(ranges);
   std::string all;
-  for (const auto& [first, last] : std::span(ranges).first(std::min(ranges.size(), kMostRanges)))
-    text::append(all, std::to_string(first) + (last > first ? " to " + std::to_string(last) : ""));
-  return all + (ranges.size() > kMostRanges ? ", …" : "");
+  std::size_t number = 0;
+  for (std::size_t k = 0; k < ranges.size(); ++number) {
+    const auto [first, begin_last] = ranges[k];
+    std::int64_t last = begin_last;
+    while (++k < ranges.size() && ranges[k].first == last + 1) last = ranges[k].second;
+    if (number < kMostRanges) text::append(all, std::to_string(first) + (last > first ? " to " + std::to_string(last) : ""));
+  }
+  return all + (number > kMostRanges ? ", and others" : "");
 }
 
 }  // namespace cotwin::master

@@ -81,7 +81,9 @@ class Merger {
   std::map<std::pair<std::string, std::int64_t>, std::int64_t> sessions_;  // by host and process
 };
 
-/// "1 to 12, 40, 42 to 47", at most ten of them.
-std::string text_of(const Ranges& ranges);
+/// Adds a run, which no run in them follows.
+void add(Ranges& ranges, std::int64_t run);
+/// "1 to 12, 40, 42 to 47", the first ten of them.
+std::string text_of(Ranges ranges);
 
 }  // namespace cotwin::master

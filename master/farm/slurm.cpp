@@ -138,14 +138,6 @@ std::string in_words(const std::map<std::string, int>& states) {
   return all;
 }
 
-void add(Ranges& ranges, std::int64_t run) {
-  if (!ranges.empty() && ranges.back().second == run - 1) {
-    ranges.back().second = run;
-  } else {
-    ranges.emplace_back(run, run);
-  }
-}
-
 /// A chunk in the queue.
 struct Sent {
   std::string batch;
@@ -255,7 +247,8 @@ class Coordinator {
     for (Sent& sent : sent_) {
       const auto found = tasks.find({sent.batch, sent.index});
       const bool is_ended = found == tasks.end() || found->second.is_ended();
-      if (found != tasks.end()) sent.said = found->second.state + " on " + found->second.node;
+      if (found != tasks.end())
+        sent.said = found->second.state + (found->second.node.empty() ? "" : " on " + found->second.node);
       if (!is_ended) ++states[found->second.told()];
       if (is_ended != sent.ended.has_value()) sent.ended = is_ended ? std::optional(WallClock::now()) : std::nullopt;
     }
@@ -285,7 +278,8 @@ class Coordinator {
         fs::remove(file.string() + ".refused", none);
       }
       const std::vector<std::string> log = lines_of(file.string() + ".log");
-      std::string why = is_refused ? "the node " + refusal[0] + " makes none, " + refusal[1] : "they were lost, " + sent.said;
+      std::string why =
+          is_refused ? "the node " + refusal[0] + " cannot make them, " + refusal[1] : "they were lost, " + sent.said;
       if (!is_refused && !log.empty()) why += ", " + log.back();
       lose(sent.chunk, missing);
       suspects_.insert(sent.batch);
@@ -294,7 +288,7 @@ class Coordinator {
       runs.insert(runs.end(), missing.begin(), missing.end());
       return true;
     });
-    for (const auto& [unused, told] : lost) tell_("of the runs " + text_of(told.second) + " some are missing: " + told.first);
+    for (const auto& [unused, told] : lost) tell_("runs are sent again, " + text_of(told.second) + ": " + told.first);
     if (erased == 0) return;
     for (const fs::path& file : files_of_batches(folder_)) {
       if (!batches.contains(file.stem().string())) fs::remove(file, none);
