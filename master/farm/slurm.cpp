@@ -167,7 +167,8 @@ class Coordinator {
     try {
       while (step()) {
         const WallClock::time_point next = WallClock::now() + options_.look;
-        while (!hooks_.stops() && WallClock::now() < next) std::this_thread::sleep_for(std::chrono::milliseconds(20));
+        while (!hooks_.stops() && WallClock::now() < next)
+          std::this_thread::sleep_for(std::min<std::chrono::milliseconds>(options_.look, std::chrono::milliseconds(20)));
       }
     } catch (...) {
       end_all();

@@ -156,7 +156,6 @@ int fill(const FarmArguments& a, const Farm& farm, const Facts& facts, const fs:
   const std::int64_t runs = farm.study().design.runs;
   const fs::path chunks = folder / kChunksFolder, cancel_file = folder / kCancelFile;
   std::error_code none;
-  fs::remove(cancel_file, none);
   std::atomic<bool> is_cancelled = false;
   bool is_over = false;
   {
@@ -186,6 +185,7 @@ int fill(const FarmArguments& a, const Farm& farm, const Facts& facts, const fs:
       is_over = fill_on_slurm(farm, facts, registry, folder, slurm_options(a), hooks, tell);
     }
   }
+  if (is_cancelled) fs::remove(cancel_file, none);
   report(a, farm.study().name, folder, runs, registry);
   if (is_over) return registry.totals().done > 0 ? kExitDone : kExitRunFailed;
   const bool is_stopped = stop_signal() != 0 || is_cancelled;
@@ -308,6 +308,7 @@ int status(const FarmArguments& a) {
 int cancel(const FarmArguments& a) {
   Registry(a.file, true);
   write_file(a.file / kCancelFile, "");
+  constexpr int kTries = 900;  // chunks in the queue get some time to end
   for (int tries = 1;; ++tries) {
     try {
       const database::OwnerLock owner(a.file / Registry::kFile);
@@ -315,7 +316,7 @@ int cancel(const FarmArguments& a) {
       if (!files_of_batches(a.file / kChunksFolder).empty()) cancel_in_slurm(a.file);
       break;
     } catch (const database::InUse&) {
-      if (tries == 600) throw;
+      if (tries == kTries) throw;
       std::this_thread::sleep_for(std::chrono::milliseconds(100));
     }
   }

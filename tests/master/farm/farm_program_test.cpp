@@ -5,9 +5,11 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
+#include <cstdlib>
 #include <filesystem>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -227,6 +229,115 @@ TEST(FarmProgram, RefusesBadInput) {
                 .code,
             0);
   says({"repeat", many.out, "3"}, "RUN: 3, expected 1 to 2");
+}
+
+TEST(FarmProgram, IsCancelledFromElsewhere) {
+  const Many many(100'000);
+  auto farm = start_program({"farm", many.study, "--out", many.out, "--quiet"});
+  ASSERT_TRUE(within_patience([&] {
+    return fs::exists(many.out / "farm.db") && run_program({"farm", "status", many.out}).code == 0;
+  }));
+  const RunResult cancelled = run_program({"farm", "cancel", many.out});
+  EXPECT_EQ(cancelled.code, 0) << cancelled.err;
+  EXPECT_THAT(cancelled.out, HasSubstr("continue with: cotwin farm resume " + many.out.string()));
+  const RunResult ended = farm.wait();
+  EXPECT_EQ(ended.code, 128 + SIGTERM);
+  EXPECT_THAT(ended.err, HasSubstr("stopped by cotwin farm cancel; continue with: cotwin farm resume"));
+  EXPECT_FALSE(fs::exists(many.out / "cancel"));
+  EXPECT_EQ(run_program({"farm", "cancel", many.out}).code, 0) << "nothing runs";
+  const RunResult none = run_program({"farm", "cancel", many.folder / "nothing"});
+  EXPECT_EQ(none.code, 2);
+  EXPECT_THAT(none.err, HasSubstr("has no study"));
+  EXPECT_FALSE(fs::exists(many.folder / "nothing"));
+}
+
+/// Programs of Slurm in place of it: jobs run at once, on nodes n0 to n2 by their number, and squeue knows none.
+struct Queue {
+  TemporaryFolder folder{"queue"};
+  cotwin::testing::RunOptions options;
+  Queue() {
+    write("sbatch",
+          R"(for word; do case $word in --array=0-*) last=${word#--array=0-} ;; --output=*) log=${word#--output=} ;; esac; done
+script=$(mktemp) && cat >"$script"
+for k in $(seq 0 "$last"); do SLURM_ARRAY_TASK_ID=$k SLURMD_NODENAME=n$((k % 3)) sh "$script" >/dev/null 2>"$script.$k" & done
+echo "$log" >"$0.log"; echo 1
+)");
+    write("squeue", "");
+    write("scancel", "");
+    write("sinfo", "echo 1/1/0/2\n");
+    write("scontrol", "echo 'MaxArraySize = 5'\n");
+    options.environment = {"PATH=" + folder.path().string() + ":" + std::getenv("PATH")};
+  }
+  void write(const std::string& name, const std::string& script) const {
+    fs::permissions(folder.write(name, "#!/bin/sh\n" + script), fs::perms::owner_all);
+  }
+};
+
+TEST(FarmProgram, MakesTheSameRunsAsJobsOfSlurm) {
+  const Many many(90, R"(, "name": "many runs, 100 % of them")");
+  ASSERT_EQ(run_program({"farm", many.study, "--out", many.out, "--quiet"}).code, 0);
+  const Queue queue;
+  const fs::path out = many.folder / "it's a % folder";
+  const RunResult made =
+      run_program({"farm", many.study, "--out", out, "--on", "slurm", "--threads", "2", "--json", "-"}, queue.options);
+  ASSERT_EQ(made.code, 0) << made.err;
+  EXPECT_EQ(json::parse(made.out).at("done"), 90);
+  auto expected = exported(many.out), found = exported(out);
+  for (const char* column : {"seconds", "session"}) {
+    expected.erase(column);
+    found.erase(column);
+  }
+  EXPECT_EQ(found, expected);
+  EXPECT_THAT(content(queue.folder / "sbatch.log"), HasSubstr("it's a %% folder/chunks/many_runs__100___of_them-"));
+  EXPECT_EQ(run_program({"farm", many.study, "--out", many.folder / "x", "--partition", "night"}).code, 2) << "of what?";
+}
+
+TEST(FarmProgram, RefusesChunksThatWouldNotBelongToTheOthers) {
+  const Many many(90);
+  const Queue queue;
+  queue.write("sbatch", "exit 0\n");  // takes the chunks, and nobody makes them
+  auto farm = start_program({"farm", many.study, "--out", many.out, "--on", "slurm"}, queue.options);
+  const fs::path chunks = many.out / "chunks";
+  const auto batches = [&] {
+    std::vector<fs::path> files;
+    std::error_code none;
+    for (const auto& entry : fs::directory_iterator(chunks, none)) {
+      if (entry.path().extension() == ".json") files.push_back(entry.path());
+    }
+    return files;
+  };
+  ASSERT_TRUE(within_patience([&] { return !batches().empty(); }));
+  farm.signal(SIGKILL);
+  farm.wait();
+  const fs::path batch = batches().at(0);
+  const RunResult elsewhere = run_program({"farm", "resume", many.out});
+  EXPECT_EQ(elsewhere.code, 2);
+  EXPECT_THAT(elsewhere.err,
+              HasSubstr("has chunks in Slurm, expected --on slurm, or first: cotwin farm cancel " + many.out.string()));
+
+  EXPECT_EQ(run_program({"farm", "chunk", batch, "1000"}).code, 2);
+  const fs::path refusal = chunks / (batch.stem().string() + "_0.refused");
+  EXPECT_FALSE(fs::exists(refusal));
+  const RunResult other =
+      run_program({"farm", "chunk", batch, "0"}, {.environment = {"COTWIN_CPU=x86-64-v2", "SLURMD_NODENAME=n7"}});
+  if (other.code != 0) {  // a machine with no other instruction set makes the chunk
+    EXPECT_THAT(content(refusal),
+                HasSubstr("n7\nits runs would not belong to the others: the instruction set is x86-64-v2, was "));
+  }
+  fs::remove(refusal);
+  fs::remove(many.folder / "arm.ssd");
+  EXPECT_EQ(run_program({"farm", "chunk", batch, "0"}).code, 2);
+  EXPECT_THAT(content(refusal), HasSubstr("arm.ssd"));
+  fs::copy(kArm, many.folder / "arm.ssd");
+  const RunResult chunk = run_program({"farm", "chunk", batch, "0"});
+  ASSERT_EQ(chunk.code, 0) << chunk.err;
+  EXPECT_EQ(run_program({"farm", "cancel", many.out}, queue.options).code, 0);
+  const RunResult resumed = run_program({"farm", "resume", many.out, "--json", "-"});
+  EXPECT_EQ(resumed.code, 0) << resumed.err;
+  EXPECT_EQ(json::parse(resumed.out).at("done"), 90);
+  auto all = exported(many.out);
+  EXPECT_EQ(std::set(all["session"].begin(), all["session"].end()).size(), 2u)
+      << "the runs of the sample and of the chunk are used";
 }
 
 }  // namespace

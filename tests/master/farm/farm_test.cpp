@@ -17,77 +17,21 @@
 #include "master/farm/farm.h"
 #include "models/foundation/formats/csv.h"
 #include "models/foundation/support/text.h"
-#include "tests/master/test_units.h"
+#include "tests/master/farm/trial.h"
 #include "tests/support/error_of.h"
 #include "tests/support/files.h"
 
 namespace cotwin::master::farm_test {
 namespace {
 
+using cotwin::testing::columns;
 using cotwin::testing::error_of;
+using cotwin::testing::hooks;
+using cotwin::testing::kBuild;
+using cotwin::testing::kScenario;
 using cotwin::testing::TemporaryFolder;
-using cotwin::testing::test_types;
+using cotwin::testing::Trial;
 using ::testing::HasSubstr;
-
-const master::Build kBuild{"0.1.0", 42, "test"};
-
-/// A rate of 2 rad/s is integrated, beside a chaotic map, whose bits show any difference, and a unit that fails after `after` s.
-constexpr const char* kScenario = R"(<?xml version="1.0" encoding="UTF-8"?>
-<ssd:SystemStructureDescription version="1.0" name="plant" xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription"
-    xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon">
-  <ssd:System name="plant"><ssd:Elements>
-    <ssd:Component name="tank" source="unit:integrator" type="application/x-cotwin-unit"/>
-    <ssd:Component name="map" source="unit:heavy" type="application/x-cotwin-unit"/>
-    <ssd:Component name="gear" source="unit:faulty" type="application/x-cotwin-unit"/>
-  </ssd:Elements></ssd:System>
-  <ssd:DefaultExperiment startTime="0" stopTime="0.05"/>
-  <ssd:Annotations><ssc:Annotation type="cotwin.master">
-    <cotwin:Master xmlns:cotwin="urn:cotwin:master:1" tick="1 ms">
-      <cotwin:Report name="level" kind="signal" a="tank.y"/>
-    </cotwin:Master>
-  </ssc:Annotation></ssd:Annotations>
-</ssd:SystemStructureDescription>)";
-
-/// A study of the scenario above, with `members` beside the name of the scenario.
-struct Trial {
-  TemporaryFolder folder{"farm"};
-  Study study;
-
-  explicit Trial(const std::string& members, const std::string& scenario = kScenario) {
-    folder.write("plant.ssd", scenario);
-    study = read_study(
-        services::parse_object(std::string("{\"scenario\": \"plant.ssd\", ") +
-                               (members.find("\"set\"") == std::string::npos ? "\"set\": [\"gear.after=1\"], " : "") + members +
-                               "}"),
-        "study.json", folder.path());
-  }
-  Farm farm() const { return Farm(study, test_types()); }
-  std::filesystem::path out() const { return folder / "out"; }
-  Registry begin(const Farm& farm) const {
-    std::vector<std::string> factors;
-    for (const Factor& factor : study.design.factors) factors.push_back(factor.name);
-    return Registry(out(), farm.facts(kBuild), factors, farm.figures());
-  }
-};
-
-FarmHooks hooks(std::function<bool()> stops = [] { return false; }) {
-  return {std::move(stops), [](std::int64_t, std::int64_t, const std::string&) {}};
-}
-
-/// The registry as CSV, without wall time and session.
-std::map<std::string, std::vector<std::string>> columns(Registry& registry) {
-  std::ostringstream out;
-  registry.write(out);
-  const std::string text = out.str();
-  csv::Reader reader(text, "export");
-  std::map<std::string, std::vector<std::string>> all;
-  while (reader.next()) {
-    for (std::size_t k = 0; k < reader.names().size(); ++k) {
-      if (reader.names()[k] != "seconds" && reader.names()[k] != "session") all[reader.names()[k]].emplace_back(reader.text(k));
-    }
-  }
-  return all;
-}
 
 double number(const std::string& text) { return text::parse_real(text).value_or(std::nan("")); }
 
