@@ -30,14 +30,20 @@ constexpr double kBriefest = 5, kLongest = 600;  // s, of a chunk
 constexpr std::chrono::seconds kAnswer{60};      // of a program of Slurm
 constexpr std::chrono::seconds kEnding{20};      // of chunks that were cancelled
 
-/// Runs a program of Slurm. Throws Error with its own message if it fails.
+/// A program of Slurm failed.
+class SlurmError : public Error {
+ public:
+  using Error::Error;
+};
+
+/// Runs a program of Slurm. Throws SlurmError with its own message if it fails.
 std::string ask(std::vector<std::string> command, const std::string& input = "") {
   const std::string name = command.front();
   Ended ended = run_process(std::move(command), input, kAnswer);
   if (ended.well()) return std::move(ended.out);
-  if (ended.error == ENOENT) throw Error(name, "is not installed, expected the programs of Slurm (Debian: slurm-client)");
-  if (ended.error != 0) throw Error(name, "cannot be started: " + system_reason(ended.error));
-  if (ended.late) throw Error(name, "timed out after " + std::to_string(kAnswer.count()) + " s");
+  if (ended.error == ENOENT) throw SlurmError(name, "is not installed, expected the programs of Slurm (Debian: slurm-client)");
+  if (ended.error != 0) throw SlurmError(name, "cannot be started: " + system_reason(ended.error));
+  if (ended.late) throw SlurmError(name, "timed out after " + std::to_string(kAnswer.count()) + " s");
   std::string message;
   for (std::string_view line : text::split(ended.err, '\n')) {
     line = text::trim(line);
@@ -46,7 +52,7 @@ std::string ask(std::vector<std::string> command, const std::string& input = "")
     }
     if (!line.empty()) text::append(message, line, "; ");
   }
-  throw Error(name, message.empty() ? "failed without a message" : message);
+  throw SlurmError(name, message.empty() ? "failed without a message" : message);
 }
 
 /// What squeue says of a chunk.
@@ -324,32 +330,27 @@ class Coordinator {
   }
 
   void fill_queue() {
-    while (has_more() && sent_.size() < kMostSent) {
-      if (most_ == 0) most_ = most_in_array();
-      const Registry::Totals totals = registry_.totals();
-      const std::int64_t made = totals.done + totals.failed, missing = farm_.study().design.runs - made;
-      const std::int64_t runs = runs_of_chunk(totals.seconds / static_cast<double>(std::max<std::int64_t>(made, 1)), missing,
-                                              processors_of(options_.partition), options_.threads);
-      Batch batch{new_name(), options_.threads, facts_, {}};
-      while (has_more() && batch.chunks.size() < std::min(most_, kMostSent - sent_.size()))
-        batch.chunks.push_back(next_chunk(runs));
-      write_batch(folder_, batch);
-      try {
+    bool answers = false;
+    try {
+      while (has_more() && sent_.size() < kMostSent) {
+        if (most_ == 0) most_ = most_in_array();
+        const int processors = processors_of(options_.partition);
+        answers = true;
+        const Registry::Totals totals = registry_.totals();
+        const std::int64_t made = totals.done + totals.failed;
+        const std::int64_t runs = runs_of_chunk(totals.seconds / static_cast<double>(std::max<std::int64_t>(made, 1)),
+                                                farm_.study().design.runs - made, processors, options_.threads);
+        Batch batch{new_name(), options_.threads, facts_, {}};
+        while (has_more() && batch.chunks.size() < std::min(most_, kMostSent - sent_.size()))
+          batch.chunks.push_back(next_chunk(runs));
+        write_batch(folder_, batch);
         submit(batch);
-        answered_ = WallClock::now();
-        is_first_ = false;
-      } catch (const Error& error) {
-        if (std::string_view(error.what()).find("timed out") == std::string_view::npos) {  // else it may have been taken
-          std::error_code none;
-          fs::remove(folder_ / (batch.name + ".json"), none);
-          if (is_first_ && sent_.empty()) throw;
-          lost_.insert(lost_.end(), batch.chunks.begin(), batch.chunks.end());
-          note(error);
-          if (sent_.empty() && !refusing_.empty()) give_up();
-          return;
-        }
+        for (std::size_t k = 0; k < batch.chunks.size(); ++k) send({batch.name, k, std::move(batch.chunks[k])});
       }
-      for (std::size_t k = 0; k < batch.chunks.size(); ++k) send({batch.name, k, std::move(batch.chunks[k])});
+    } catch (const SlurmError& error) {
+      if (is_first_ && sent_.empty()) throw;
+      note(error);
+      if (answers && sent_.empty() && !refusing_.empty()) give_up();
     }
   }
 
@@ -360,7 +361,8 @@ class Coordinator {
     }
   }
 
-  void submit(const Batch& batch) const {
+  /// If it fails, the chunks are to be sent again.
+  void submit(const Batch& batch) {
     std::string log;  // in which % begins a name of sbatch
     for (const char c : folder_.string()) log += c == '%' ? std::string("%%") : std::string(1, c);
     std::vector<std::string> command = {"sbatch",
@@ -382,7 +384,16 @@ class Coordinator {
               "  printf '%s\\n%s\\n' \"$SLURMD_NODENAME\" \"$said\" >\"$refused.new\" && mv \"$refused.new\" \"$refused\"\n  "
               "exit 1\nfi\n" +
               "exec " + program + " farm chunk " + file + ".json \"$SLURM_ARRAY_TASK_ID\"\n";
-    ask(std::move(command), script);
+    try {
+      ask(std::move(command), script);
+      is_first_ = false;
+    } catch (const SlurmError& error) {
+      if (std::string_view(error.what()).find("timed out") != std::string_view::npos) return;  // it may have been taken
+      fs::remove(folder_ / (batch.name + ".json"));
+      lost_.insert(lost_.end(), batch.chunks.begin(), batch.chunks.end());
+      throw;
+    }
+    answered_ = WallClock::now();
   }
 
   std::string new_name() const {

@@ -177,7 +177,7 @@ int fill(const FarmArguments& a, const Farm& farm, const Facts& facts, const fs:
       if (!files_of_batches(chunks).empty())
         throw Error(folder.string(),
                     "has chunks in Slurm, expected --on slurm, or first: cotwin farm cancel " + folder.string());
-      Merger(farm, facts, registry, chunks, tell).merge();
+      if (fs::exists(chunks)) Merger(farm, facts, registry, chunks, tell).merge();
       is_over = farm.fill(registry, a.threads_or_default(), hooks);
     } else {
       if (const Registry::Totals t = registry.totals(); t.done + t.failed == 0)

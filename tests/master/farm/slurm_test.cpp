@@ -52,7 +52,7 @@ class Programs {
                           "if [ -e refuses ]; then echo \"sbatch: error: $(cat refuses)\" >&2; exit 1; fi\n"
                           "printf '%s\\n' \"$@\" >>sbatch.arguments; cat >sbatch.script; echo 7\n");
     program("squeue", begin + "if [ -e queue ]; then cat queue; fi\n");
-    program("sinfo", begin + "echo 2/2/3/7\n");
+    program("sinfo", begin + "[ ! -e busy ] || { echo 'Socket error' >&2; exit 1; }\necho 2/2/3/7\n");
     program("scontrol", begin + "echo 'MaxArraySize            = '$(cat most || echo 1001)\n");
     program("scancel", begin + "echo \"$@\" >>scancel.arguments\n");
     setenv("PATH", (here + ":" + path_).c_str(), 1);
@@ -348,6 +348,22 @@ TEST(Slurm, GoesOnWhenTheControllerIsBack) {
   EXPECT_TRUE(cluster.fill());
   cluster.expect_complete();
   EXPECT_THAT(cluster.told, ElementsAre("squeue: Unable to contact slurm controller", HasSubstr("runs are sent again, ")));
+}
+
+TEST(Slurm, SendsLostChunksWhenSlurmAnswersAgain) {
+  Cluster cluster;
+  int looks = 0;
+  cluster.node = [&](const Batch& batch, std::size_t k) {
+    if (cluster.sent.size() > 1) return cluster.make(batch, k);
+    std::ofstream(cluster.chunks / (batch.name + "_" + std::to_string(k) + ".refused")) << "n3\ncotwin: not found\n";
+    cluster.programs.folder.write("busy", "");
+  };
+  cluster.each_time = [&] {
+    if (++looks == 30) cluster.programs.forget("busy");
+  };
+  EXPECT_TRUE(cluster.fill());
+  cluster.expect_complete();
+  EXPECT_THAT(cluster.told, ElementsAre(HasSubstr("the node n3 cannot make them"), "sinfo: Socket error"));
 }
 
 TEST(Slurm, EndsWithAnErrorWhenTheControllerStaysAway) {
