@@ -135,6 +135,15 @@ Batch read_batch(const fs::path& file) {
   }
 }
 
+void check_runs(const Batch& batch, std::int64_t runs) {
+  for (const Chunk& chunk : batch.chunks) {
+    for (const auto& [first, last] : chunk.ranges) {
+      if (last > runs)
+        throw Error(batch.name, "has the run " + std::to_string(last) + ", expected 1 to " + std::to_string(runs));
+    }
+  }
+}
+
 std::vector<fs::path> files_of_batches(const fs::path& folder) {
   std::vector<fs::path> files;
   std::error_code none;
@@ -161,12 +170,8 @@ void make_chunk(const Farm& farm, const Batch& batch, std::size_t index, const f
     rows = Json::array();
     written = Clock::now();
   };
+  check_runs(batch, farm.study().design.runs);
   const Ranges& ranges = batch.chunks.at(index).ranges;
-  for (const auto& [first, last] : ranges) {
-    if (last > farm.study().design.runs)
-      throw Error(batch.name,
-                  "has the run " + std::to_string(last) + ", expected 1 to " + std::to_string(farm.study().design.runs));
-  }
   std::size_t range = 0;
   std::int64_t given = 0;
   const auto next = [&]() -> std::int64_t {
@@ -185,8 +190,8 @@ void make_chunk(const Farm& farm, const Batch& batch, std::size_t index, const f
 }
 
 void refuse_chunk(const Batch& batch, std::size_t index, const fs::path& folder, const std::string& why) {
-  const char* node = std::getenv("SLURMD_NODENAME");
-  write_file(folder / (place_of(batch, index) + ".refused"), std::string(node != nullptr ? node : "") + "\n" + why + "\n");
+  if (const char* node = std::getenv("SLURMD_NODENAME"))
+    write_file(folder / (place_of(batch, index) + ".refused"), std::string(node) + "\n" + why + "\n");
 }
 
 Part read_part(std::string_view text, const Farm& farm, const Facts& facts) {

@@ -40,13 +40,15 @@ struct Batch {
 void write_batch(const std::filesystem::path& folder, const Batch& batch);
 /// Throws Error.
 Batch read_batch(const std::filesystem::path& file);
+/// Throws Error for a run that a study of so many does not have.
+void check_runs(const Batch& batch, std::int64_t runs);
 std::vector<std::filesystem::path> files_of_batches(const std::filesystem::path& folder);
 
 /// On a node: makes a chunk, and writes those of its runs that are over, each minute and at the end, also after `stops`. Throws Error if
 /// they cannot be written.
 void make_chunk(const Farm& farm, const Batch& batch, std::size_t index, const std::filesystem::path& folder,
                 const std::function<bool()>& stops);
-/// On a node: tells why it cannot make a chunk.
+/// In a job of Slurm: tells why its node cannot make a chunk.
 void refuse_chunk(const Batch& batch, std::size_t index, const std::filesystem::path& folder, const std::string& why);
 
 /// The runs of a study that a chunk sent.

@@ -128,14 +128,17 @@ std::string in_quotes(const std::string& word) {
   return all + "'";
 }
 
-/// The lines of a file that are not empty, in brief; none where it cannot be read.
-std::vector<std::string> lines_of(const fs::path& file) {
-  std::vector<std::string> lines;
+/// The first and the last line of a file that are not empty, in brief; "" where it cannot be read.
+std::pair<std::string, std::string> ends_of(const fs::path& file) {
+  std::pair<std::string, std::string> ends;
   std::ifstream in(file);
   for (std::string line; std::getline(in, line);) {
-    if (!text::trim(line).empty()) lines.emplace_back(text::trim(line).substr(0, 300));
+    const std::string_view text = text::trim(line).substr(0, 300);
+    if (text.empty()) continue;
+    if (ends.first.empty()) ends.first = text;
+    ends.second = text;
   }
-  return lines;
+  return ends;
 }
 
 std::string in_words(const std::map<std::string, int>& states) {
@@ -210,6 +213,7 @@ class Coordinator {
       try {
         const Batch batch = read_batch(file);
         if (batch.facts != facts_) throw Error(file.string(), "is of another study");
+        check_runs(batch, farm_.study().design.runs);
         for (std::size_t k = 0; k < batch.chunks.size(); ++k) send({batch.name, k, batch.chunks[k]});
       } catch (const Error& error) {
         tell_(std::string(error.what()) + "; its runs are sent again");
@@ -232,9 +236,8 @@ class Coordinator {
       throw Error("Slurm", "has not answered for " + text::to_text(std::chrono::duration<double>(options_.patience).count()) +
                                " s: " + trouble_);
     if (!sent_.empty() || has_more()) return true;
-    std::int64_t missing = 0;
-    for (const auto& [first, last] : given_up_) missing += last - first + 1;
-    tell_(text::counted(missing, "run") + (missing == 1 ? " is" : " are") + " missing: " + text_of(given_up_) +
+    const std::int64_t missing = farm_.study().design.runs - merger_.over();
+    tell_(text::counted(missing, "run") + (missing == 1 ? " is" : " are") + " missing: " + text_of(missing_of(given_up_)) +
           "; what their chunks printed is in " + folder_.string());
     return false;
   }
@@ -274,41 +277,42 @@ class Coordinator {
         fs::remove(file.string() + ".log", none);
         return true;
       }
-      const std::vector<std::string> refusal = lines_of(file.string() + ".refused");
-      const bool is_refused = refusal.size() >= 2;
-      if (!is_refused && !(sent.ended && WallClock::now() - *sent.ended > options_.grace)) {
+      const auto [node, refusal] = ends_of(file.string() + ".refused");
+      std::string why;
+      if (!node.empty()) {
+        refusing_.insert(node);
+        fs::remove(file.string() + ".refused", none);
+        why = "the node " + node + " cannot make them, " + (refusal == node ? "its program says nothing" : refusal);
+      } else if (sent.ended && WallClock::now() - *sent.ended > options_.grace) {
+        why = "they were lost";
+        for (const std::string& said : {sent.said, ends_of(file.string() + ".log").second}) text::append(why, said);
+      } else {
         batches.insert(sent.batch);
         return false;
       }
-      if (is_refused) {
-        refusing_.insert(refusal.front());
-        fs::remove(file.string() + ".refused", none);
-      }
-      const std::vector<std::string> log = lines_of(file.string() + ".log");
-      std::string why =
-          is_refused ? "the node " + refusal[0] + " cannot make them, " + refusal[1] : "they were lost, " + sent.said;
-      if (!is_refused && !log.empty()) why += ", " + log.back();
-      lose(sent.chunk, missing);
+      why = (lose(sent.chunk, missing) ? "runs are sent again, " : "runs are given up, ") + why;
       suspects_.insert(sent.batch);
       auto& [first, runs] = lost[without_numbers(why)];
       if (runs.empty()) first = why;
       runs.insert(runs.end(), missing.begin(), missing.end());
       return true;
     });
-    for (const auto& [unused, told] : lost) tell_("runs are sent again, " + text_of(told.second) + ": " + told.first);
+    for (const auto& [unused, told] : lost) tell_(told.first + ": " + text_of(told.second));
     if (erased == 0) return;
     for (const fs::path& file : files_of_batches(folder_)) {
       if (!batches.contains(file.stem().string())) fs::remove(file, none);
     }
   }
 
-  void lose(const Chunk& chunk, const Ranges& missing) {
+  /// Returns whether the runs are to be sent again.
+  bool lose(const Chunk& chunk, const Ranges& missing) {
     const int attempt = missing == chunk.ranges ? chunk.attempt + 1 : 1;
     if (attempt <= kAttempts) {
       lost_.push_back({missing, attempt});
     } else {
       given_up_.insert(given_up_.end(), missing.begin(), missing.end());
     }
+    return attempt <= kAttempts;
   }
 
   bool has_more() {
@@ -317,11 +321,11 @@ class Coordinator {
     return !lost_.empty() || next_ <= runs;
   }
 
-  /// Only if there are more. `runs`: at most so many, of those that were not sent before.
+  /// Only if there are more. `runs`: at most so many, of those that were not sent before. Without runs where lost ones came after all.
   Chunk next_chunk(std::int64_t runs) {
     Chunk chunk;
     if (!lost_.empty()) {
-      chunk = std::move(lost_.front());
+      chunk = {missing_of(lost_.front().ranges), lost_.front().attempt};
       lost_.pop_front();
       return chunk;
     }
@@ -341,8 +345,10 @@ class Coordinator {
         const std::int64_t runs = runs_of_chunk(totals.seconds / static_cast<double>(std::max<std::int64_t>(made, 1)),
                                                 farm_.study().design.runs - made, processors, options_.threads);
         Batch batch{new_name(), options_.threads, facts_, {}};
-        while (has_more() && batch.chunks.size() < std::min(most_, kMostSent - sent_.size()))
-          batch.chunks.push_back(next_chunk(runs));
+        while (has_more() && batch.chunks.size() < std::min(most_, kMostSent - sent_.size())) {
+          if (Chunk chunk = next_chunk(runs); !chunk.ranges.empty()) batch.chunks.push_back(std::move(chunk));
+        }
+        if (batch.chunks.empty()) return;
         write_batch(folder_, batch);
         submit(batch);
         for (std::size_t k = 0; k < batch.chunks.size(); ++k) send({batch.name, k, std::move(batch.chunks[k])});

@@ -326,7 +326,7 @@ TEST(FarmProgram, RefusesChunksThatWouldNotBelongToTheOthers) {
   }
   fs::remove(refusal);
   fs::remove(many.folder / "arm.ssd");
-  EXPECT_EQ(run_program({"farm", "chunk", batch, "0"}).code, 2);
+  EXPECT_EQ(run_program({"farm", "chunk", batch, "0"}, {.environment = {"SLURMD_NODENAME=n7"}}).code, 2);
   EXPECT_THAT(content(refusal), HasSubstr("arm.ssd"));
   fs::copy(kArm, many.folder / "arm.ssd");
   const RunResult chunk = run_program({"farm", "chunk", batch, "0"});

@@ -194,10 +194,11 @@ TEST(Slurm, SendsLostChunksAgainAndTellsWhatIsMissing) {
     };
     EXPECT_EQ(cluster.fill(), losses < 3);
     ASSERT_EQ(cluster.told.size(), losses < 3 ? static_cast<std::size_t>(losses) : 4u);
-    EXPECT_EQ(cluster.told[0], "runs are sent again, 1 to 60: they were lost, TIMEOUT on n4, killed in the night");
+    EXPECT_EQ(cluster.told[0], "runs are sent again, they were lost, TIMEOUT on n4, killed in the night: 1 to 60");
     if (losses < 3) {
       cluster.expect_complete();
     } else {
+      EXPECT_THAT(cluster.told[2], HasSubstr("runs are given up, they were lost, TIMEOUT on n4"));
       EXPECT_THAT(cluster.told.back(), HasSubstr("60 runs are missing: 1 to 60; what their chunks printed is in"));
       EXPECT_THAT(files_of_batches(cluster.chunks), IsEmpty());
       EXPECT_EQ(cluster.sent.size(), 3u);
@@ -316,7 +317,7 @@ TEST(Slurm, LeavesOutANodeThatCannotMakeRuns) {
   cluster.options.grace = std::chrono::hours(1);  // a refusal is known at once
   EXPECT_TRUE(cluster.fill());
   cluster.expect_complete();
-  EXPECT_THAT(cluster.told, ElementsAre("runs are sent again, 1 to 60: the node n3 cannot make them, cotwin: not found"));
+  EXPECT_THAT(cluster.told, ElementsAre("runs are sent again, the node n3 cannot make them, cotwin: not found: 1 to 60"));
   EXPECT_THAT(cluster.programs.arguments("sbatch"), HasSubstr("--exclude=n3\n"));
 }
 
@@ -429,6 +430,40 @@ TEST(Slurm, TakesOverTheChunksOfACoordinatorThatWasKilled) {
   EXPECT_THAT(
       error_of([&] { make_chunk(cluster.farm, read_batch(cluster.trial.folder / "left.json"), 0, cluster.chunks, kNever); }),
       HasSubstr("has the run 61, expected 1 to 60"));
+}
+
+TEST(Slurm, SendsNothingThatCameAfterAll) {
+  Cluster cluster;
+  std::optional<std::pair<Batch, std::size_t>> late;
+  cluster.node = [&](const Batch& batch, std::size_t k) {
+    if (late) return cluster.make(batch, k);
+    late.emplace(batch, k);
+    cluster.programs.folder.write("busy", "");  // so that the chunk is lost, and not sent again yet
+  };
+  cluster.each_time = [&] {
+    int asked = 0;
+    if (!cluster.told.empty() && cluster.registry.totals().done == 0)
+      cluster.make(late->first, late->second, [&] { return ++asked > 1000; });
+    if (cluster.registry.totals().done > 0) cluster.programs.forget("busy");
+  };
+  EXPECT_TRUE(cluster.fill());
+  cluster.expect_complete();
+  ASSERT_EQ(cluster.sent.size(), 2u);
+  EXPECT_LT(runs_of({cluster.sent[1]}), 50);
+}
+
+TEST(Slurm, TakesOverNothingThatIsNotOfItsStudy) {
+  Cluster cluster;
+  fs::create_directories(cluster.chunks);
+  write_batch(cluster.chunks, {"beyond", 1, cluster.facts, {{{{60, 61}}, 1}}});
+  Facts others = cluster.facts;
+  others.back().second = "other";
+  write_batch(cluster.chunks, {"other", 1, others, {{{{1, 60}}, 1}}});
+  cluster.seen = {{"beyond", 0}, {"other", 0}};
+  EXPECT_TRUE(cluster.fill());
+  cluster.expect_complete();
+  EXPECT_THAT(cluster.told, ElementsAre(HasSubstr("beyond: has the run 61, expected 1 to 60; its runs are sent again"),
+                                        HasSubstr("other.json: is of another study; its runs are sent again")));
 }
 
 TEST(Slurm, TellsRangesInOrder) {
