@@ -338,7 +338,7 @@ int chunk(const FarmArguments& a) {
     farm.emplace(read_study(Json::parse(fact_of(batch.facts, "study", file.string())), file.string(), "/"), units());
     if (const std::string differs = difference(batch.facts, farm->facts(this_build())); !differs.empty())
       throw Error("its runs would not belong to the others", differs);
-  } catch (const Error& error) {
+  } catch (const std::exception& error) {
     refuse_chunk(batch, index, folder, error.what());
     throw;
   }
