@@ -28,6 +28,7 @@ using services::RequestError;
 constexpr int kMostNumber = std::numeric_limits<int>::max();
 constexpr std::size_t kMostRanges = 10;
 constexpr std::chrono::seconds kPartLength{60};
+constexpr std::size_t kPartRows = 100'000;  // some 25 MB with ten figures each
 
 std::string as_text(const Json& json) { return json.dump(-1, ' ', false, Json::error_handler_t::replace); }
 
@@ -184,7 +185,7 @@ void make_chunk(const Farm& farm, const Batch& batch, std::size_t index, const f
   };
   farm.run_all(batch.threads, next, stops, [&](std::span<const RunRow> over) {
     for (const RunRow& row : over) rows.push_back(json_of(row));
-    if (Clock::now() - written > kPartLength) write();
+    if (rows.size() >= kPartRows || Clock::now() - written > kPartLength) write();
   });
   write();
 }
