@@ -26,7 +26,7 @@ using Ranges = std::vector<std::pair<std::int64_t, std::int64_t>>;  // of runs, 
 
 struct Chunk {
   Ranges ranges;
-  int attempt = 1;  // how often these were sent, none of which came
+  int attempt = 1;  // the number of times that these were sent, of which none came
 };
 
 struct Batch {

@@ -97,16 +97,20 @@ std::set<std::string> names_of(const std::vector<fs::path>& batches) {
   return names;
 }
 
-/// Processors of a cluster that are not down.
+/// Processors of a partition that are not down. Throws SlurmError where there is no such partition.
 int processors_of(const std::string& partition) {
   std::vector<std::string> command = {"sinfo", "--noheader", "--format=%C"};
   if (!partition.empty()) command.push_back("--partition=" + partition);
-  int all = 0;
+  int all = 0, lines = 0;
   const std::string out = ask(std::move(command));
   for (const std::string_view line : text::split(out, '\n')) {
     const std::vector<std::string_view> parts = text::split(text::trim(line), '/');  // allocated, idle, other, all
-    for (std::size_t k = 0; k < 2 && parts.size() == 4; ++k) all += static_cast<int>(text::parse_integer(parts[k]).value_or(0));
+    if (parts.size() != 4) continue;
+    ++lines;
+    for (std::size_t k = 0; k < 2; ++k) all += static_cast<int>(text::parse_integer(parts[k]).value_or(0));
   }
+  if (lines == 0)
+    throw SlurmError("sinfo", partition.empty() ? "tells no partition" : "knows no partition '" + partition + "'");
   return std::max(all, 1);
 }
 
@@ -466,6 +470,11 @@ std::int64_t runs_of_chunk(double seconds, std::int64_t missing, int processors,
   const double all = static_cast<double>(missing) * seconds / std::max(processors, threads);
   const double runs = std::clamp(all / 4, kBriefest, kLongest) * threads / std::max(seconds, 1e-6);
   return std::clamp(static_cast<std::int64_t>(runs), std::int64_t{threads}, std::max<std::int64_t>(missing, threads));
+}
+
+void check_slurm(const std::string& partition) {
+  most_in_array();
+  processors_of(partition);
 }
 
 bool fill_on_slurm(const Farm& farm, const Facts& facts, Registry& registry, const fs::path& folder,

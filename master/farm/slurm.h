@@ -24,6 +24,9 @@ struct SlurmOptions {
   std::chrono::milliseconds patience{600'000};                   // without any answer of Slurm and any part
 };
 
+/// Throws Error where Slurm does not answer, or has no job arrays or no such partition. Empty: its default.
+void check_slurm(const std::string& partition);
+
 /// Makes the runs that the registry lacks, of which chunks may be in the queue already. `folder`: of the study. `tell` gets a sentence on
 /// all that went wrong. Returns whether all are over; otherwise `stops`, or runs are missing, which `tell` got. Throws Error if the
 /// registry cannot be written, or Slurm takes no chunk or does not answer.

@@ -140,7 +140,8 @@ TEST_F(Cluster, GivesTheRegistryOfThreads) {
   expect_runs_of_threads(40, folder_ / "slurm");
   const RunResult refused = run_program(farm(40, folder_ / "x", {"--on", "slurm", "--partition", "night"}), slurm().options);
   EXPECT_EQ(refused.code, 2);
-  EXPECT_THAT(refused.err, HasSubstr("sbatch: invalid partition specified: night"));
+  EXPECT_THAT(refused.err, HasSubstr("sinfo: knows no partition 'night'"));
+  EXPECT_FALSE(fs::exists(folder_ / "x"));
 }
 
 TEST_F(Cluster, EndsCompleteAfterKillsAndCancellations) {

@@ -257,6 +257,7 @@ int begin(const FarmArguments& a) {
     }
   }();
   if (a.dry_run) return dry_run(farm, a);
+  if (!a.on.empty()) check_slurm(a.partition);  // before there is a folder
   const fs::path folder = a.out.empty() ? fs::path("results") / (file_name_of(farm.study().name) + ".farm") : a.out;
   Facts facts = farm.facts(this_build());
   facts.emplace_back("folder", fs::current_path().string());

@@ -289,7 +289,18 @@ TEST(FarmProgram, MakesTheSameRunsAsJobsOfSlurm) {
   }
   EXPECT_EQ(found, expected);
   EXPECT_THAT(content(queue.folder / "sbatch.log"), HasSubstr("it's a %% folder/chunks/many_runs__100___of_them-"));
-  EXPECT_EQ(run_program({"farm", many.study, "--out", many.folder / "x", "--partition", "night"}).code, 2) << "of what?";
+  const fs::path none = many.folder / "none";
+  EXPECT_EQ(run_program({"farm", many.study, "--out", none, "--partition", "night"}).code, 2) << "of what?";
+  queue.write("sinfo", "");
+  const RunResult lacking =
+      run_program({"farm", many.study, "--out", none, "--on", "slurm", "--partition", "night"}, queue.options);
+  EXPECT_EQ(lacking.code, 2);
+  EXPECT_THAT(lacking.err, HasSubstr("sinfo: knows no partition 'night'"));
+  const RunResult missing =
+      run_program({"farm", many.study, "--out", none, "--on", "slurm"}, {.environment = {"PATH=/nowhere"}});
+  EXPECT_EQ(missing.code, 2);
+  EXPECT_THAT(missing.err, HasSubstr("is not installed, expected the programs of Slurm (Debian: slurm-client)"));
+  EXPECT_FALSE(fs::exists(none));
 }
 
 TEST(FarmProgram, RefusesChunksThatWouldNotBelongToTheOthers) {
