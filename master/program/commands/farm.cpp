@@ -332,7 +332,8 @@ int chunk(const FarmArguments& a) {
   const Batch batch = read_batch(file);
   const auto index = static_cast<std::size_t>(a.run);
   if (index >= batch.chunks.size())
-    throw Error("CHUNK", std::to_string(a.run) + ", expected 0 to " + std::to_string(batch.chunks.size() - 1));
+    throw Error("CHUNK", std::to_string(a.run) + ", expected one of " +
+                             text::counted(static_cast<std::int64_t>(batch.chunks.size()), "chunk") + ", from 0");
   std::optional<Farm> farm;
   try {
     enter_origin(fact_of(batch.facts, "folder", file.string()), file);
@@ -449,7 +450,7 @@ void add_farm(CLI::App& app, Chosen& chosen) {
   told->add_option("--json", all->json, "Write the figures as JSON, to stdout with -")->type_name("FILE|-");
   add("cancel", "End the farm of a study, and its chunks in Slurm", cancel);
   CLI::App* part = add("chunk", "On a node of a cluster: make a chunk of a study", chunk);
-  part->add_option("CHUNK", all->run, "Number of the chunk, from 0")->required()->check(CLI::NonNegativeNumber);
+  part->add_option("CHUNK", all->run, "Number of the chunk, from 0")->required();
   part->group("");  // not for users
   add("export", "Write all runs as CSV", export_runs)
       ->add_option("--csv", all->csv, "File (default: stdout)")
