@@ -162,6 +162,7 @@ const std::map<std::string, std::vector<std::string>> kRooms = {
       "energetics",
       "optimisation",
       "optimisation/reactionless",
+      "optimisation/growth",
       "identification/measurement",
       "identification/torque_data",
       "identification",

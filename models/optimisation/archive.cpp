@@ -9,9 +9,9 @@ namespace cotwin::optimisation {
 namespace {
 
 /// Whether a is at least as good as b in all costs.
-bool covers(const Round::Particle& a, const Round::Particle& b) {
-  for (std::size_t i = 0; i < a.costs.size(); ++i)
-    if (!(a.costs[i] <= b.costs[i])) return false;
+bool no_worse(std::span<const double> a, std::span<const double> b) {
+  for (std::size_t i = 0; i < a.size(); ++i)
+    if (!(a[i] <= b[i])) return false;
   return true;
 }
 
@@ -35,13 +35,16 @@ std::size_t most_crowded(const std::vector<Round::Particle>& members) {
 
 }  // namespace
 
+bool Archive::covers(std::span<const double> costs) const {
+  return std::ranges::any_of(members_, [&](const Round::Particle& member) { return no_worse(member.costs, costs); });
+}
+
 bool Archive::add(const Round::Particle& particle) {
   if (!particle.feasible() ||
       !std::all_of(particle.costs.begin(), particle.costs.end(), [](double x) { return std::isfinite(x); }))
     return false;
-  for (const auto& member : members_)
-    if (covers(member, particle)) return false;
-  std::erase_if(members_, [&](const auto& member) { return covers(particle, member); });
+  if (covers(particle.costs)) return false;
+  std::erase_if(members_, [&](const auto& member) { return no_worse(particle.costs, member.costs); });
   const auto place = std::upper_bound(members_.begin(), members_.end(), particle,
                                       [](const auto& a, const auto& b) { return a.costs < b.costs; });
   members_.insert(place, particle);

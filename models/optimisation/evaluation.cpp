@@ -102,9 +102,10 @@ Evaluator::~Evaluator() = default;
 Motions Evaluator::motions() const {
   Motions m;
   m.c.assign(n_ * basis_.redundant() * kLanes, 0.0);
-  m.q_to.resize(n_ * kLanes);
-  for (std::size_t j = 0; j < n_; ++j)
-    std::fill_n(m.q_to.begin() + static_cast<std::ptrdiff_t>(j * kLanes), kLanes, problem_.ends.q_to[j]);
+  for (std::size_t j = 0; j < n_; ++j) {
+    m.q_from.insert(m.q_from.end(), kLanes, problem_.ends.q_from[j]);
+    m.q_to.insert(m.q_to.end(), kLanes, problem_.ends.q_to[j]);
+  }
   m.T.fill(problem_.T_max);
   if (problem_.compliant) {
     for (const CompliantFrame::Axis& axis : problem_.compliant->axes)
@@ -129,7 +130,7 @@ void Evaluator::set_coordinates(const Motions& m, Scratch& s) const {
     const double T = m.T[k];
     for (std::size_t j = 0; j < n_; ++j) {
       double* x = s.x[0].data() + j * columns * kLanes + k;
-      x[0] = ends.q_from[j];
+      x[0] = m.q_from[j * kLanes + k];
       x[kLanes] = m.q_to[j * kLanes + k];
       if (!basis_.at_rest()) {
         x[2 * kLanes] = T * ends.dq_from[j];
@@ -164,7 +165,10 @@ double Evaluator::violation(const Scratch& s, std::size_t j, int derivative, std
 }
 
 void Evaluator::check_kinematics(Scratch& s, Values& values) const {
-  values.kinematic.fill(0);
+  const auto exceeds = [&](int r, std::size_t j, std::size_t k, double by) {
+    values.kinematic[k] += by;
+    if (!(by <= values.worst[k].by)) values.worst[k] = {r, j, by};
+  };
   const Bounds& limits = problem_.bounds;
   const std::size_t columns = basis_.columns();
   const auto limits_of = [&](int r, std::size_t j) {
@@ -186,7 +190,7 @@ void Evaluator::check_kinematics(Scratch& s, Values& values) const {
         if (attained <= kSlack)
           s.undecided.push_back({r, j, k});
         else
-          values.kinematic[k] += attained;
+          exceeds(r, j, k, attained);
       }
     }
   }
@@ -198,7 +202,7 @@ void Evaluator::check_kinematics(Scratch& s, Values& values) const {
     const auto [low, high] = limits_of(r, j);
     const double scale = r == 0 ? scale_of(low, high) : high, slack = kSlack * scale;
     const double beyond = violation(s, j, r, k, low - slack, high + slack) / scale;
-    if (!(beyond <= 0)) values.kinematic[k] += beyond;
+    if (!(beyond <= 0)) exceeds(r, j, k, beyond);
   }
 }
 
@@ -223,16 +227,14 @@ void Evaluator::exact_costs(const Motions& m, Scratch& s, Values& values) const 
 void Evaluator::add_drives(Scratch& s, std::size_t count) const {
   const DriveTerms& d = problem_.drives;
   for (std::size_t j = 0; j < n_; ++j) {
-    double* tau = s.tau.data() + j * count;
-    const double *dq = s.dq.data() + j * count, *ddq = s.ddq.data() + j * count;
-    if (!d.B.empty() && d.B[j] != 0)
-      for (std::size_t i = 0; i < count; ++i) tau[i] += d.B[j] * ddq[i];
-    if (!d.sigma2.empty() && d.sigma2[j] != 0)
-      for (std::size_t i = 0; i < count; ++i) tau[i] += d.sigma2[j] * dq[i];
-    if (!d.tau_C.empty() && d.tau_C[j] != 0)
-      for (std::size_t i = 0; i < count; ++i) tau[i] += d.tau_C[j] * robot::coulomb_share(dq[i]);
-    if (!d.tau_0.empty() && d.tau_0[j] != 0)
-      for (std::size_t i = 0; i < count; ++i) tau[i] += d.tau_0[j];
+    const auto term = [j](const std::vector<double>& values) { return values.empty() ? 0.0 : values[j]; };
+    const double B = term(d.B), sigma2 = term(d.sigma2), tau_C = term(d.tau_C), tau_0 = term(d.tau_0);
+    if (B == 0 && sigma2 == 0 && tau_C == 0 && tau_0 == 0) continue;
+    double* __restrict tau = s.tau.data() + j * count;
+    const double* __restrict dq = s.dq.data() + j * count;
+    const double* __restrict ddq = s.ddq.data() + j * count;
+    for (std::size_t i = 0; i < count; ++i)
+      tau[i] = tau[i] + B * ddq[i] + sigma2 * dq[i] + tau_C * robot::coulomb_share(dq[i]) + tau_0;
   }
 }
 
@@ -297,7 +299,9 @@ void Evaluator::dynamics(const Motions& m, std::size_t lane, Scratch& s, Values&
   const double share = 1 - problem_.torque_margin;
   for (std::size_t j = 0; j < n_; ++j) {
     const double beyond = s.largest[j] / (share * problem_.bounds.tau[j]) - 1;
-    if (!(beyond <= 0)) values.torque[lane] += beyond;
+    if (beyond <= 0) continue;
+    values.torque[lane] += beyond;
+    if (!(beyond <= values.worst[lane].by)) values.worst[lane] = {4, j, beyond};
   }
 }
 
@@ -342,11 +346,9 @@ void Evaluator::frames(const Motions& m, std::size_t lane, Scratch& s, Values& v
 
 void Evaluator::evaluate(const Motions& motions, Scratch& s, Values& values, bool all, const Visit& visit) const {
   set_coordinates(motions, s);
-  if (all) {
-    values.kinematic.fill(0);
-  } else {
-    check_kinematics(s, values);
-  }
+  values.kinematic.fill(0);
+  values.worst.fill({});
+  if (!all) check_kinematics(s, values);
   values.torque.fill(0);
   exact_costs(motions, s, values);
   for (std::size_t k = 0; k < kLanes; ++k) {
@@ -368,7 +370,7 @@ std::vector<double> Evaluator::control_points(const Motions& m, std::size_t lane
   const std::size_t K = basis_.redundant();
   std::vector<double> c(K);
   for (std::size_t i = 0; i < K; ++i) c[i] = m.c[(joint * K + i) * kLanes + lane];
-  const trajectory::Boundary from{e.q_from[joint], e.dq_from[joint], e.ddq_from[joint], {}};
+  const trajectory::Boundary from{m.q_from[joint * kLanes + lane], e.dq_from[joint], e.ddq_from[joint], {}};
   const trajectory::Boundary to{m.q_to[joint * kLanes + lane], e.dq_to[joint], e.ddq_to[joint], {}};
   return trajectory::make_polynomial(from, to, m.T[lane], basis_.terms(), c);
 }

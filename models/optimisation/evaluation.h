@@ -17,6 +17,7 @@ inline constexpr std::size_t kLanes = numerics::BatchMatrix::kLanes;
 /// Eight motions, one per lane: element i of lane k at [i · kLanes + k].
 struct Motions {
   std::vector<double> c;           // n · (degree − 5) coefficients c_r, joint by joint
+  std::vector<double> q_from;      // n
   std::vector<double> q_to;        // n
   std::array<double, kLanes> T{};  // s
   std::size_t count = kLanes;      // motions in use, those of the first lanes
@@ -32,6 +33,13 @@ struct Values {
   /// Sum over the joints of the relative violation of the torque bound less its margin, at the samples, and of the violated
   /// conditions of the compliant frame; 0: none.
   std::array<double, kLanes> torque{};
+  /// The bound that is exceeded most, of those that were looked at: 0 to 4 for q, dq, ddq, dddq, tau.
+  struct Excess {
+    int bound = 0;
+    std::size_t joint = 0;
+    double by = 0;  // relative
+  };
+  std::array<Excess, kLanes> worst;
   /// Motions with a violated kinematic bound are pruned: their torques are not computed.
   std::array<bool, kLanes> pruned{};
 };

@@ -23,6 +23,8 @@ struct Round {
     std::vector<double> costs;                      // of each cost term; NaN for a particle that was pruned
     double kinematic = 0, torque = 0;               // violations, see Values
     std::vector<ComplianceValues> compliance = {};  // of each axis of Problem::compliant
+    std::vector<double> q_from = {};                // n; empty: that of Problem::ends
+    std::uint64_t number = 0;                       // of a grown motion
     bool feasible() const { return kinematic == 0 && torque == 0; }
   };
   std::vector<Particle> particles;
@@ -129,6 +131,8 @@ Solution minimise_in_order(const Problem& problem, double tolerance, const Searc
 class Archive {
  public:
   explicit Archive(std::size_t capacity = 200) : capacity_(capacity) {}
+  /// Whether a member is at least as good in all costs.
+  bool covers(std::span<const double> costs) const;
   /// Returns whether the particle was kept. If the archive is full, the most crowded motion is dropped.
   bool add(const Round::Particle& particle);
   const std::vector<Round::Particle>& members() const { return members_; }

@@ -11,7 +11,7 @@ const std::vector<ServiceInfo>& all_services() {
     std::vector<ServiceInfo> all;
     for (const std::string& name : services::service_names()) {
       const auto schema = nlohmann::ordered_json::parse(services::schema(name));
-      const bool is_long = name == "optimise" || name == "verify" || name == "reactionless";
+      const bool is_long = name == "optimise" || name == "verify" || name == "reactionless" || name == "grow";
       all.push_back({name, schema.at("description"), is_long, schema.at("request").dump(), schema.at("reply").dump()});
     }
     return all;

@@ -37,6 +37,8 @@ constexpr Service kServices[] = {
     {"throughput", "Time of a cycle and moves per hour when a compliance M x'' + D x' + S x must settle after the move.",
      answer_throughput},
     {"optimise", "The better motion: redundant coefficients and duration of least cost within the bounds.", answer_optimise},
+    {"grow", "What is possible between postures: costs and bounds of very many motions that are drawn at random (V-B).",
+     answer_grow},
     {"verify",
      "The move in a co-simulation of the twin, with elastic joints and friction where the robot has data of its drives.",
      answer_verify},
@@ -53,7 +55,7 @@ bool has_cost(Reader& r, const char* name) {
 /// Adds "assumptions" and a sentence to the notes, if there are any.
 void add_assumptions(const std::string& service, const Robot& robot, Reader& r, Json& reply) {
   const auto is = [&](const char* name, const Json& value) { return r.gives(name) && *r.any(name) == value; };
-  const bool optimise = service == "optimise", path = r.gives("series") || r.gives("waypoints");
+  const bool grow = service == "grow", optimise = grow || service == "optimise", path = r.gives("series") || r.gives("waypoints");
   Needs n;
   n.searched = !path && !r.gives("T_s") && (!optimise || r.gives("T_max_s"));
   if (service == "reach" || (service == "jerk" && !n.searched)) return;  // of the shape alone
@@ -65,7 +67,7 @@ void add_assumptions(const std::string& service, const Robot& robot, Reader& r, 
   n.limits_of_torque = !r.gives(units.name("tau_max", 4).c_str());
   if (safety && r.gives("load_kg")) n.load = r.number("load_kg");
   n.elastic = n.without_drives.empty() && (service == "verify" || is("verify", true));
-  n.energy = service == "energy" || (optimise && has_cost(r, "energy")) || (service == "verify" && robot.energy);
+  n.energy = service == "energy" || (optimise && has_cost(r, "energy")) || (grow && !r.gives("cost") && robot.energy) || (service == "verify" && robot.energy);
   std::string assumed;
   std::vector<std::pair<std::string, std::string>> unknown;  // names, effect
   for (const Assumption& a : assumptions(robot, n)) {

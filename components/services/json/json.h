@@ -29,6 +29,14 @@ class RequestError : public Error {
   std::string pointer_, detail_;
 };
 
+/// Receives a table of which no row is kept.
+class RowSink {
+ public:
+  virtual ~RowSink() = default;
+  virtual void begin(const std::vector<std::string>& columns, std::size_t rows) = 0;
+  virtual void row(const std::vector<double>& values) = 0;
+};
+
 /// What a service may use while it works.
 struct Context {
   numerics::Threads* threads = nullptr;
@@ -36,6 +44,7 @@ struct Context {
   std::function<void(double share, const std::string& message)> progress = {};
   /// Receives the particles of an optimisation as CSV (optimisation::ParticleTable).
   std::ostream* particles = nullptr;
+  RowSink* rows = nullptr;   // receives the motions that grow draws
   Verify verify = {};        // the twin, for the service verify; master/services/verify.h
   Robots* robots = nullptr;  // set for each request: for the robots and the scene of clear_of
   bool only_read = false;    // the reply is null: the request is read and checked, and nothing is computed

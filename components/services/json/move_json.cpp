@@ -152,7 +152,7 @@ void refuse_degrees(const robot::RobotModel& robot, Reader& r, const std::string
 }
 
 /// The members of the ends; with `in_motion` also their velocities and accelerations.
-void read_ends(const Robot& robot, Reader& r, bool in_motion, bool posture, Move& m) {
+void read_ends(const Robot& robot, Reader& r, const Takes& takes, bool posture, Move& m) {
   const JointUnits units(robot.model);
   const std::size_t n = robot.model.joints.size();
   if (r.gives("from"))
@@ -165,11 +165,11 @@ void read_ends(const Robot& robot, Reader& r, bool in_motion, bool posture, Move
                          "has " + std::to_string(x.size()) + " values, expected " + std::to_string(n) + ", one per joint");
     return x;
   };
-  m.from_q = read("from_q", 0, false, "posture at the start");
+  m.from_q = read("from_q", 0, !takes.start, "posture at the start");
   m.to_q = read("to_q", 0, !posture, "posture at the end");
-  r.declare_one_of({"from_q_rad", "from_q_deg", "from_q"});
+  if (takes.start) r.declare_one_of({"from_q_rad", "from_q_deg", "from_q"});
   if (posture) r.declare_one_of({"to_q_rad", "to_q_deg", "to_q"});
-  if (in_motion) {
+  if (takes.in_motion) {
     m.dq_from = read("dq_from", 1, true, "speed at the start; without it at rest");
     m.dq_to = read("dq_to", 1, true, "speed at the end; without it at rest");
     m.ddq_from = read("ddq_from", 2, true, "acceleration at the start; without it 0");
@@ -280,7 +280,7 @@ void tell_noise(const Robot& robot, const trajectory::Series& s, const trajector
 
 MoveRequest read_goal(const Robot& robot, Reader& r, const Context& context, const Takes& takes, bool posture) {
   MoveRequest m;
-  read_ends(robot, r, takes.in_motion, posture, m);
+  read_ends(robot, r, takes, posture, m);
   read_rest(robot, r, context, takes, m);
   return m;
 }

@@ -41,6 +41,7 @@ struct Takes {
   bool paths = false;      // waypoints or a series in place of the move
   bool wrench = true;      // beside payloads
   bool intervals = true;   // of payloads and wrench
+  bool start = true;       // from_q has to be given
 };
 
 inline constexpr Takes kAnyMotion{.in_motion = true, .paths = true};

@@ -259,6 +259,40 @@ const std::pair<const char*, Json (*)()> kReplies[] = {
                                                                    .must("S_N_per_m", kNumber)))));
        return o;
      }},
+    {"grow",
+     []() -> Json {
+       const Json integer{{"type", "integer"}}, numbers_or_null = array_of(kNumberOrNull);
+       const Json motions =
+           array_of(Object().must("number", integer).must("T_s", kNumber).must("costs", costs()).must("motion", motion()));
+       Object quantiles;
+       for (const char* p : {"0.05", "0.25", "0.5", "0.75", "0.95"}) quantiles.must(p, kNumber);
+       const Json distribution =
+           or_null(Object()
+                       .must("least", kNumber)
+                       .must("mean", kNumber)
+                       .must("most", kNumber)
+                       .must("quantiles", described(quantiles, "to 0.4 %"))
+                       .may("histogram", described(Object().must("edges", kNumbers).must("motions", array_of(integer)),
+                                                   "motions[i] from edges[i] to below edges[i + 1]"))
+                       .may("best", motions));
+       Object distributions, goals;
+       for (const char* axis : {"x_m", "y_m", "z_m"}) goals.may(axis, kNumbers);
+       goals.may("reached", array_of(kBoolean)).must("feasible_share", numbers_or_null);
+       for (const char* name : kCosts) {
+         distributions.may(name, described(distribution, "of feasible motions; null: none is"));
+         goals.may(name, described(numbers_or_null, "least that was drawn; null: no motion is feasible"));
+       }
+       return Object()
+           .must("feasible", described(kBoolean, "at least one motion"))
+           .must("reason", kText)
+           .must("motions", integer)
+           .must("feasible_motions", integer)
+           .must("forbidden", described(array_of(joint().must("bound", kText).must("motions", integer).must("share", kNumber)),
+                                        "motions that are not feasible, by the bound that they exceed most"))
+           .must("costs", distributions)
+           .may("front", described(motions, "none is better than another in all costs"))
+           .may("goals", described(goals, "of each posture of a list or place of a grid, x first"));
+     }},
     {"verify", [] { return verified(); }},
 };
 

@@ -14,7 +14,9 @@
 #include "components/services/json/json.h"
 #include "components/services/json/tasks.h"
 #include "master/program/commands/commands.h"
+#include "master/report/map.h"
 #include "master/services/motion_file.h"
+#include "master/services/row_file.h"
 #include "master/services/verify.h"
 #include "master/services/worker.h"
 #include "models/foundation/support/atomic_file.h"
@@ -34,7 +36,7 @@ struct AskArguments {
   std::string angle_unit = "rad";
   std::optional<double> T;
   std::vector<fs::path> files, robots;
-  std::optional<fs::path> motion, particles, series;
+  std::optional<fs::path> motion, particles, series, rows, map;
   int threads = 0;
   bool worker = false, list_robots = false, robot_given = false;
 };
@@ -172,9 +174,17 @@ std::string motion_of(const AskArguments& a, services::Robots& robots, Json requ
 int ask_one(const AskArguments& a, services::Robots& robots, services::Context context) {
   Json request = request_of(a, robots);
   const bool reactionless = a.service == "reactionless";
-  if (a.threads != 0 && a.service != "optimise" && !reactionless)
-    throw Error("--threads",
-                "is given for the service " + a.service + ", which uses one thread, expected it with optimise or reactionless");
+  const bool grow = a.service == "grow";
+  if (a.threads != 0 && a.service != "optimise" && !reactionless && !grow)
+    throw Error("--threads", "is given for the service " + a.service +
+                                 ", which uses one thread, expected it with optimise, reactionless or grow");
+  for (const auto& [option, file] : {std::pair{"--rows", &a.rows}, {"--map", &a.map}})
+    if (*file && !grow) throw Error(option, "is given for the service " + a.service + ", expected it with grow");
+  if (a.map) report::check_map_file(*a.map);
+  if (a.map && request.value("detail", "") == "verdict")
+    throw Error("--map", "is given with the detail verdict, which tells no goals, expected another one");
+  std::optional<RowFile> rows;
+  if (a.rows) context.rows = &rows.emplace(*a.rows);
   // Only the whole reply has the motion, and it takes a search.
   const std::string detail = request.value("detail", "");
   if (reactionless && a.motion) request["detail"] = "all";
@@ -186,6 +196,7 @@ int ask_one(const AskArguments& a, services::Robots& robots, services::Context c
   }
   Json reply = Json::parse(services::answer_object(robots, request, context));
   if (a.particles) write_file(*a.particles, particles.str());
+  if (rows) rows->commit();
   if (a.motion && reply.contains("feasible") && reply["feasible"] == false) {
     std::cout << reply.dump(2) << "\n";
     std::cerr << "cotwin: --motion " << a.motion->string()
@@ -199,6 +210,7 @@ int ask_one(const AskArguments& a, services::Robots& robots, services::Context c
     if (detail == "verdict") reply.erase("joints");
   }
   std::cout << reply.dump(2) << "\n";
+  if (a.map) report::write_map(*a.map, reply);
   return kExitDone;
 }
 
@@ -228,15 +240,26 @@ int ask_files(const AskArguments& a, services::Robots& robots, const services::C
 
 /// Refuses options that would have no effect beside `chosen`.
 void refuse_others(const AskArguments& a, const std::string& chosen, const std::vector<std::string>& allowed) {
-  const std::pair<const char*, bool> given[] = {{"SERVICE", !a.service.empty()}, {"--from", !a.from.empty()},
-                                                {"--to", !a.to.empty()},         {"--duration", a.T.has_value()},
-                                                {"--with", !a.more.empty()},     {"--detail", !a.detail.empty()},
-                                                {"--motion", !!a.motion},        {"--particles", !!a.particles},
-                                                {"--series", !!a.series},        {"--q-columns", !a.q_columns.empty()},
-                                                {"--file", !a.files.empty()},    {"--angle-unit", a.angle_unit != "rad"},
-                                                {"--table", !a.table.empty()},   {"--schema", !a.schema.empty()},
-                                                {"--robots", !a.robots.empty()}, {"--threads", a.threads != 0},
-                                                {"--worker", a.worker},          {"--list-robots", a.list_robots}};
+  const std::pair<const char*, bool> given[] = {{"SERVICE", !a.service.empty()},
+                                                {"--from", !a.from.empty()},
+                                                {"--to", !a.to.empty()},
+                                                {"--duration", a.T.has_value()},
+                                                {"--with", !a.more.empty()},
+                                                {"--detail", !a.detail.empty()},
+                                                {"--motion", !!a.motion},
+                                                {"--particles", !!a.particles},
+                                                {"--rows", !!a.rows},
+                                                {"--map", !!a.map},
+                                                {"--series", !!a.series},
+                                                {"--q-columns", !a.q_columns.empty()},
+                                                {"--file", !a.files.empty()},
+                                                {"--angle-unit", a.angle_unit != "rad"},
+                                                {"--table", !a.table.empty()},
+                                                {"--schema", !a.schema.empty()},
+                                                {"--robots", !a.robots.empty()},
+                                                {"--threads", a.threads != 0},
+                                                {"--worker", a.worker},
+                                                {"--list-robots", a.list_robots}};
   for (const auto& [name, is_given] : given)
     if (is_given && name != chosen && std::ranges::find(allowed, name) == allowed.end())
       throw Error(chosen == "SERVICE" ? "cotwin ask " + a.service : "cotwin ask " + chosen,
@@ -274,8 +297,8 @@ int ask(const AskArguments& a) {
     refuse_others(a, "--file", {"--detail", "--table", "--robots", "--threads"});
   else
     refuse_others(a, "SERVICE",
-                  {"--from", "--to", "--angle-unit", "--duration", "--with", "--detail", "--motion", "--particles", "--series",
-                   "--q-columns", "--robots", "--threads"});
+                  {"--from", "--to", "--angle-unit", "--duration", "--with", "--detail", "--motion", "--particles", "--rows",
+                   "--map", "--series", "--q-columns", "--robots", "--threads"});
   if (!a.schema.empty()) {
     const std::vector<std::string> names = services::service_names();
     if (std::ranges::find(names, a.schema) == names.end())
@@ -329,6 +352,10 @@ void add_ask(CLI::App& app, Chosen& chosen) {
   command->add_option("--motion", a.motion, "Write the motion for unit:motion: parameters (SSV), of reactionless a table (CSV)")
       ->type_name("FILE");
   command->add_option("--particles", a.particles, "Write all motions that optimise tries as a table (CSV)")->type_name("FILE");
+  command->add_option("--rows", a.rows, "Write all motions that grow draws as a table: .csv, or .npy for NumPy")
+      ->type_name("FILE");
+  command->add_option("--map", a.map, "Write what grow finds of each goal: .csv, or .svg for the picture of a grid")
+      ->type_name("FILE");
   command->add_option("--file", a.files, "Files with requests in JSON: one, an array, or robots and tasks (docs/services.md)")
       ->type_name("FILE");
   command->add_option("--table", a.table, "The answers of --file as a table: text or csv")

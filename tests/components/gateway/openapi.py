@@ -329,6 +329,7 @@ def check_services(g):
     special = {
         "throughput": {"M_kg": 10, "S_N_per_m": 1000, "zeta": 0.7},
         "optimise": {k: v for k, v in SEARCH.items() if k not in ("service", *MOVE)},
+        "grow": {"T_min_s": 1, "T_max_s": 3, "motions": 1000},
         "energy": {"best": True},
         # Near, and of the orientation the axis only: within the waiting time also in a build with sanitizers.
         "reactionless": {"to_q_rad": [0.05, *MOVE["from_q_rad"][1:]], "to_pose": {"directions": ["z"]},
@@ -342,7 +343,7 @@ def check_services(g):
         plain = {**MOVE, "detail": "all", **special.get(name, {})}
         if name == "reach":
             plain = {"robot": "lwr4", "poses": [{"p_m": [0.4, 0.2, 0.6], "quaternion_wxyz": [1, 0, 0, 0]}]}
-        elif name not in ("optimise", "cycle_time"):
+        elif name not in ("optimise", "grow", "cycle_time"):
             plain["T_s"] = 2
         needed = "poses" if name == "reach" else "to_q_rad"
         reply, header = g.call("POST", "/services/{name}", 200, {"name": name}, body=plain, fields={"Prefer": "wait=30"})

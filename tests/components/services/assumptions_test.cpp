@@ -84,6 +84,7 @@ json request_of(const std::string& service, json move) {
   move["service"] = service;
   if (service == "throughput") move.update({{"M_kg", 1}, {"S_N_per_m", 500}, {"zeta", 1}});
   if (service == "optimise") move.update({{"T_max_s", 4}, {"particles", 8}, {"rounds", 2}, {"degree", 6}, {"refine", false}});
+  if (service == "grow") move.update({{"T_min_s", 2}, {"T_max_s", 8}, {"motions", 50}});
   if (service == "reactionless") move.update({{"particles", 8}, {"rounds", 1}});
   if (service == "payload") move["T_s"] = 3;
   if (service == "reach") {

@@ -227,6 +227,10 @@ void answers_everything(Robots& robots, const json& move, const std::string& exc
     if (service == "cycle_time" || service == "optimise") request.erase("T_s");
     if (service == "optimise")
       request.update({{"T_min_s", move.value("T_s", 1.0)}, {"particles", 8}, {"rounds", 4}, {"degree", 6}});
+    if (service == "grow") {
+      request.erase("T_s");
+      request.update({{"T_min_s", move.value("T_s", 1.0)}, {"motions", 20}});
+    }
     if (service == "reactionless") request.update({{"particles", 8}, {"rounds", 1}});
     if (service == "reactionless" && request.value("to_q_rad", json::array()).size() > 1) {
       for (std::size_t j = 0; j < request["to_q_rad"].size(); ++j)

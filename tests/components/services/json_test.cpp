@@ -99,6 +99,7 @@ json lwr_move(const std::string& service) {
   if (service == "reaction" || service == "reactionless") r["momentum"] = {{"angular_Nms", {0, 0, 0.1}}};
   if (service == "throughput") r.update({{"M_kg", 1}, {"S_N_per_m", {500, 1500}}, {"zeta", 1}});
   if (service == "optimise") r.update({{"T_min_s", 2}, {"degree", 7}, {"particles", 8}, {"rounds", 4}});
+  if (service == "grow") r.update({{"T_min_s", 1}, {"T_max_s", 3}, {"motions", 100}});
   if (service == "payload") r["T_s"] = 2;
   if (service == "reach") {
     r.erase("to_q_rad");
@@ -164,9 +165,10 @@ TEST(ServiceSchemas, FitMovesThatAreNotPossibleAndEveryRule) {
   json timed = beyond;
   timed["T_s"] = 0.1;
   for (const std::string& service : service_names())
-    if (service != "cycle_time" && service != "optimise" && service != "verify" && service != "reach")
+    if (service != "cycle_time" && service != "optimise" && service != "grow" && service != "verify" && service != "reach")
       fits(service, service == "reactionless" ? json{{"T_s", 0.1}} : timed);
   fits("optimise", {{"T_min_s", 0.1}, {"detail", "all"}});
+  fits("grow", {{"T_min_s", 0.1}, {"T_max_s", 0.1}, {"detail", "all"}});
   const json two{{{"name", "torque"}}, {{"name", "jerk"}}};
   for (const char* rule : {"weighted", "lexicographic", "pareto"}) fits("optimise", {{"cost", two}, {"rule", rule}});
   fits("optimise", {{"cost", two}, {"rule", "pareto"}, {"T_min_s", 0.1}});

@@ -25,6 +25,7 @@ Json answer_reach(const Robot&, Reader&, const Context&);
 Json answer_reaction(const Robot&, Reader&, const Context&);
 Json answer_reactionless(const Robot&, Reader&, const Context&);
 Json answer_optimise(const Robot&, Reader&, const Context&);
+Json answer_grow(const Robot&, Reader&, const Context&);
 Json answer_verify(const Robot&, Reader&, const Context&);
 
 /// The members settle_s and tracking_max of a verification, for the services verify and optimise; the joints are rigid with drives = none.

@@ -13,6 +13,7 @@
 #include "components/services/json/compliance_json.h"
 #include "components/services/json/contact_json.h"
 #include "components/services/json/end_pose_json.h"
+#include "components/services/json/problem_json.h"
 #include "models/foundation/support/text.h"
 #include "models/optimisation/particle_table.h"
 
@@ -26,130 +27,6 @@ using optimisation::Quantity;
 using optimisation::SearchOptions;
 using optimisation::Solution;
 using optimisation::Status;
-
-/// Names of costs with their units.
-const char* unit_of(Quantity q) {
-  using Q = Quantity;
-  switch (q) {
-    case Q::kTime:
-      return "time_s";
-    case Q::kTorque:
-      return "torque_squared_integral";
-    case Q::kWork:
-      return "work_J";
-    case Q::kSharedWork:
-      return "shared_work_J";
-    case Q::kAcceleration:
-      return "acceleration_squared_integral";
-    case Q::kJerk:
-      return "jerk_squared_integral";
-    case Q::kMass:
-      return "effective_mass_kg";
-    case Q::kSafety:
-      return "safety_share";
-    case Q::kCycle:
-      return "cycle_time_s";
-    case Q::kStiffness:
-      return "stiffness_N_per_m";
-    default:
-      return "energy_J";
-  }
-}
-
-CostTerm term_of(const std::string& name, double weight, const std::string& pointer) {
-  using Q = Quantity;
-  std::string names;
-  for (int i = 0; i <= static_cast<int>(Q::kStiffness); ++i) {
-    CostTerm term;
-    term.quantity = static_cast<Q>(i);
-    if (term.quantity == Q::kPower) continue;  // a function in C++
-    if (name == optimisation::to_text(term.quantity)) {
-      term.weight = weight;
-      return term;
-    }
-    text::append(names, optimisation::to_text(term.quantity));
-  }
-  throw RequestError(pointer, "is '" + name.substr(0, 40) + "', expected one of " + names);
-}
-
-/// `weight`: becomes the place of the first weight, if one is given.
-std::vector<CostTerm> read_costs(Reader& r, std::string& weight) {
-  const auto read = [](Reader& one) { return std::pair(one.text("name"), one.not_negative("weight", 1)); };
-  if (r.describes())
-    r.declare(
-        "cost", {{"type", {"string", "array"}}, {"minItems", 1}, {"items", Reader::schema_of(read)}}, false,
-        "time, torque, work, shared_work, acceleration, jerk, energy, effective_mass, safety, cycle_time or stiffness, or "
-        "several with weights");
-  const Json* given = r.any("cost");
-  if (!given) return {term_of("torque", 1, "/cost")};
-  if (given->is_string()) return {term_of(given->get<std::string>(), 1, r.pointer("cost"))};
-  if (!given->is_array() || given->empty())
-    throw RequestError(r.pointer("cost"), "expected the name of a cost, or an array of {\"name\", \"weight\"}");
-  std::vector<CostTerm> terms;
-  for (std::size_t i = 0; i < given->size(); ++i) {
-    Reader one((*given)[i], r.pointer("cost") + "/" + std::to_string(i));
-    const auto [name, factor] = read(one);
-    one.finish();
-    if (one.gives("weight") && weight.empty()) weight = one.pointer("weight");
-    const CostTerm term = term_of(name, factor, one.pointer("name"));
-    if (std::ranges::any_of(terms, [&](const CostTerm& t) { return t.quantity == term.quantity; }))
-      throw RequestError(one.pointer("name"), "is '" + name + "' again, expected each cost once");
-    terms.push_back(term);
-  }
-  return terms;
-}
-
-Json costs_of(const Problem& p, const std::vector<double>& costs) {
-  Json all = Json::object();
-  for (std::size_t i = 0; i < p.costs.size(); ++i) all[unit_of(p.costs[i].quantity)] = costs[i];
-  return all;
-}
-
-bool has_cost(const Problem& p, Quantity quantity) {
-  return std::ranges::any_of(p.costs, [&](const CostTerm& t) { return t.quantity == quantity; });
-}
-
-/// Without the drives' losses the energy is the mechanical work of the joints.
-void work_for_energy(Problem& p) {
-  if (has_cost(p, Quantity::kWork))
-    throw RequestError("/cost",
-                       "has energy beside work, but the robot has no energy.ssv beside its URDF, so that both are the same");
-  for (CostTerm& term : p.costs)
-    if (term.quantity == Quantity::kEnergy) term.quantity = Quantity::kWork;
-}
-
-/// `weight` as for read_costs().
-Problem read_problem(const Robot& robot, const Move& m, Reader& r, std::string& weight, std::vector<std::string>& notes) {
-  Problem p;
-  p.robot = robot.model;
-  p.ends = m.ends();
-  p.loads = m.loads;
-  p.degree = r.gives("degree") ? m.degree : 9;
-  p.drives = m.drives;
-  p.bounds = optimisation::bounds_of(robot.model, m.bounds);
-  for (const char* other : {"T_s", "T_min"})
-    if (r.gives(other))
-      throw RequestError(r.pointer(other), "is no member of optimise, expected T_min_s, and T_max_s to search the duration");
-  if (!r.has("T_min_s") && !r.has("T_max_s"))
-    throw RequestError("",
-                       "gives no duration, expected T_min_s, or T_max_s as the longest one, or both to search between them");
-  p.T_min = r.duration("T_min_s", kBriefest, "shortest one; without it 0.0001 s");
-  p.T_max = r.duration("T_max_s", p.T_min, "longest one; without it the duration is T_min_s");
-  r.declare_one_of({"T_min_s", "T_max_s"});
-  if (p.T_max < p.T_min) throw RequestError("/T_max_s", "is less than T_min_s, expected at least that");
-  p.costs = read_costs(r, weight);
-  const energetics::Bus bus = read_bus(r, "for the cost energy: DC link shared, split (none), or regenerating (grid)");
-  r.only_if(has_cost(p, Quantity::kEnergy) && robot.energy, "bus", "the cost energy and an energy.ssv beside the URDF");
-  if (!has_cost(p, Quantity::kEnergy)) return p;
-  if (!robot.energy) {
-    work_for_energy(p);
-    notes.emplace_back("the robot has no energy.ssv beside its URDF: the cost energy is the mechanical work of the joints");
-    return p;
-  }
-  const EnergyData& e = *robot.energy;
-  p.electrical = optimisation::Electrical{e.losses, e.current, bus, e.link, e.supply, e.standby};
-  return p;
-}
 
 /// The frame of the costs effective_mass and safety.
 void read_contact(const Robot& robot, Reader& r, Problem& p) {
@@ -321,7 +198,7 @@ Json front_of(const Robot& robot, const Move& m, const Problem& p, const std::ve
     found.degree = p.degree;
     found.c = particle.c;
     found.to_q = particle.q_to;
-    Json one{{"T_s", particle.T}, {"costs", costs_of(p, particle.costs)}};
+    Json one{{"T_s", particle.T}, {"costs", costs_json(p, particle.costs)}};
     if (p.compliant) one["compliance"] = axes_json(p, particle.compliance);
     if (detail >= Detail::kMargins) one["motion"] = motion_of(robot, found, particle.T);
     front.push_back(one);
@@ -340,7 +217,7 @@ Json answer_optimise(const Robot& robot, Reader& r, const Context& context) {
   const Detail detail = read_detail(r);
   std::vector<std::string> notes = m.notes;
   std::string weight;
-  Problem p = read_problem(robot, m, r, weight, notes);
+  Problem p = read_problem(robot, m, r, {{Quantity::kTorque, 1, {}}}, weight, notes);
   const std::string rule = r.word("rule", {"weighted", "lexicographic", "pareto"});
   const bool pareto = rule == "pareto", lexicographic = rule == "lexicographic";
   if (rule != "weighted" && !weight.empty())
@@ -444,13 +321,13 @@ Json answer_optimise(const Robot& robot, Reader& r, const Context& context) {
              {"complete", s.complete},
              {"T_s", s.T},
              {"cost", s.cost},
-             {"costs", costs_of(p, s.costs)},
+             {"costs", costs_json(p, s.costs)},
              {"quintic",
               {{"T_s", quintic.T},
                {"feasible", quintic.status == Status::kFeasible},
                {"reason", quintic.reason},
                {"cost", quintic.cost},
-               {"costs", costs_of(p, quintic.costs)}}},
+               {"costs", costs_json(p, quintic.costs)}}},
              {"saved_share", share_of(s.cost, quintic.cost, quintic)},
              {"saved_shares", shares_of(p, s, quintic)},
              {"limiting", limiting_of(robot.model, s.peaks)},
