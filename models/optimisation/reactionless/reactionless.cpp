@@ -22,6 +22,7 @@ using Eigen::Quaterniond;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
 
+constexpr std::uint32_t kGrownStream = 1;
 constexpr int kTerms = 8;             // of each α_j
 constexpr int kSteps = 50;            // of the search
 constexpr int kGridCorrections = 10;  // of the coefficients on a finer grid
@@ -31,7 +32,9 @@ constexpr double kDifference = 1e-6;  // of finite differences
 // Weights of residuals against the speeds in units of their limits, per rad and m: of what is left to the goal and (kLimit as much) of
 // what exceeds a limit of position less a margin, for the swarm and for the last steps; of the base's turn at the end and on the way.
 constexpr double kGoal = 1e3, kExactGoal = 1e5, kLimit = 0.3, kTurn = 300, kWayTurn = 10;
-constexpr double kMargin = 0.01;  // rad, m
+constexpr double kMargin = 0.01;     // rad, m
+// Of the bounds of speed and acceleration, and of jerk, since differences of steps are not exact.
+constexpr double kRateShare = 0.97, kJerkShare = 0.9;
 
 /// φ_k at the times of RK4's stages: one column per half step.
 MatrixXd table_of(int steps) {
@@ -41,6 +44,16 @@ MatrixXd table_of(int steps) {
     for (int k = 0; k < kTerms; ++k)
       phi(k, i) = trajectory::bernstein::evaluate(terms.term(static_cast<std::size_t>(k)), 0.5 * i / steps)[0];
   return phi;
+}
+
+/// Coefficients of motion `number` of those that are grown: r · largest · u, r uniform in [0, 1], each u in [−1, 1].
+VectorXd drawn(Index columns, std::uint64_t seed, std::uint32_t number, double largest) {
+  VectorXd x(columns * kTerms);
+  const auto uniform = [&](Index draw) {
+    return numerics::uniform({seed, kGrownStream, 0, number, static_cast<std::uint32_t>(draw)});
+  };
+  for (Index i = 0; i < x.size(); ++i) x[i] = uniform(x.size()) * largest * (2 * uniform(i) - 1);
+  return x;
 }
 
 /// Integrates motions; one per thread.
@@ -187,7 +200,7 @@ class Integrator {
 struct ReactionlessMotion::Impl {
   Impl(const ReactionlessProblem& problem, const ReactionlessOptions& o, numerics::Threads* t)
       : p(problem), options(o), threads(t), n(p.robot.n()), coarse(table_of(kSteps)) {
-    for (const auto* x : {&p.q_from, &p.q_min, &p.q_max, &p.dq_max, &p.q_to}) {
+    for (const auto* x : {&p.q_from, &p.q_min, &p.q_max, &p.dq_max, &p.ddq_max, &p.dddq_max, &p.q_to}) {
       const bool pose = x == &p.q_to && x->empty();
       if (!pose && x->size() != p.robot.joints.size())
         throw Error("reactionless", "has " + std::to_string(x->size()) + " values for " + std::to_string(n) +
@@ -233,6 +246,30 @@ struct ReactionlessMotion::Impl {
     return true;
   }
 
+  /// The coefficients of those of many grown motions that end nearest to the goal.
+  std::vector<VectorXd> nearest_grown() const {
+    constexpr std::size_t kGrown = 2048, kKept = 6;
+    std::vector<std::pair<double, std::uint32_t>> all(kGrown);
+    run(integrators.size(), [&](std::size_t worker) {
+      VectorXd r;
+      for (std::size_t k = worker; k < kGrown; k += integrators.size()) {
+        const auto number = static_cast<std::uint32_t>(k);
+        residuals(*integrators[worker], drawn(columns, options.seed, number, kLargest), kGoal, r);
+        all[k] = {r.squaredNorm(), number};
+      }
+    });
+    std::ranges::partial_sort(all, all.begin() + kKept);
+    std::vector<VectorXd> nearest;
+    for (std::size_t k = 0; k < kKept; ++k) nearest.push_back(drawn(columns, options.seed, all[k].second, kLargest));
+    return nearest;
+  }
+  void run(std::size_t blocks, const std::function<void(std::size_t)>& work) const {
+    if (threads)
+      threads->run(blocks, work);
+    else
+      for (std::size_t block = 0; block < blocks; ++block) work(block);
+  }
+
   /// Searches c; true if the motion reaches the goal within the limits.
   bool search() {
     const auto size = static_cast<std::size_t>(columns * kTerms);
@@ -245,6 +282,19 @@ struct ReactionlessMotion::Impl {
       }
     };
     double best = std::numeric_limits<double>::infinity();
+    std::optional<VectorXd> too_fast;  // reaches the goal, but not in the time T
+    const auto reaches = [&](VectorXd x) {
+      improve(x, kGoal);
+      const double found = improve(x, kExactGoal);
+      if (!(found < best)) return false;
+      best = found;
+      c = x;
+      (void)sampled(coarse);
+      if (!reached() || !within) return false;
+      if (keeps_rates()) return true;
+      too_fast = c;
+      return false;
+    };
     for (int attempt = 0; attempt < options.attempts; ++attempt) {
       numerics::SwarmOptions o;
       o.particles = options.particles;
@@ -255,26 +305,36 @@ struct ReactionlessMotion::Impl {
       swarm.run(threads);
       VectorXd x(columns * kTerms);
       swarm.best({x.data(), size});
-      improve(x, kGoal);
-      const double found = improve(x, kExactGoal);
-      if (!(found < best)) continue;
-      best = found;
-      c = x;
+      if (reaches(x)) return true;
+      if (attempt > 0 || turns) continue;
+      for (const VectorXd& near : nearest_grown())
+        if (reaches(near)) return true;
+    }
+    if (too_fast) {
+      c = *too_fast;
       (void)sampled(coarse);
-      if (reached() && within) return true;
+      return true;
     }
     if (!turns)
       obstacle =
           std::string("no motion without reaction was found ") + (reached() ? "within the limits of position" : "to the goal");
     return false;
   }
+  /// Whether speed, acceleration and jerk keep their bounds in the time T.
+  bool keeps_rates() const {
+    if (p.T == 0) return true;
+    VectorXd r;
+    residuals(*integrators.front(), c, 1, r);
+    return r.tail(n * (kSteps + 1)).maxCoeff() <= kLimit * (1 - kRateShare);
+  }
   bool reached() const { return std::max(distance, angle) <= 1e-6; }
 
   /// All residuals of a motion; the first `goals` are those of the goal.
   void residuals(Integrator& i, const VectorXd& x, double goal_weight, VectorXd& r) const {
-    const Index row = n * (kSteps + 1);
+    const Index row = n * (kSteps + 1), of_turn = turns ? 3 * (kSteps + 1) : 0;
     const double mean = 1 / std::sqrt(static_cast<double>(kSteps));
-    r.resize(goals + 2 * row + (turns ? 3 * (kSteps + 1) : 0));
+    r.resize(goals + 2 * row + of_turn + (p.T > 0 ? row : 0));
+    MatrixXd rates(n, p.T > 0 ? kSteps + 1 : 0);
     i.run(x, coarse, [&](Index k, const VectorXd& q, const VectorXd& dq, const Quaterniond& Q) {
       for (Index j = 0; j < n; ++j) {
         const auto joint = static_cast<std::size_t>(j);
@@ -283,11 +343,27 @@ struct ReactionlessMotion::Impl {
             kLimit * goal_weight * std::max({p.q_min[joint] + kMargin - q[j], q[j] - p.q_max[joint] + kMargin, 0.0});
         r[goals + row + k * n + j] = mean * dq[j] / speed;
       }
+      if (p.T > 0) rates.col(k) = dq;
       if (turns)
         r.segment<3>(goals + 2 * row + 3 * k) = (k == kSteps ? kTurn : kWayTurn * mean) * 2 * (Q.w() < 0 ? -1 : 1) * Q.vec();
       if (k == kSteps) r.head(goals) = goal_weight * i.left(q, Q);
     });
+    if (p.T > 0) r.tail(row) = kLimit * goal_weight * excess(rates).reshaped();
     if (!r.allFinite()) r.setConstant(1e9);
+  }
+
+  /// By how much speed, acceleration or jerk exceeds its bound in the time T, relative, of each joint at each step, from dq/ds.
+  MatrixXd excess(const MatrixXd& rates) const {
+    MatrixXd beyond = MatrixXd::Zero(n, kSteps + 1);
+    for (Index k = 1; k < kSteps; ++k)
+      for (Index j = 0; j < n; ++j) {
+        const auto joint = static_cast<std::size_t>(j);
+        const double before = rates(j, k - 1), now = rates(j, k), after = rates(j, k + 1), h = p.T / kSteps;
+        beyond(j, k) = std::max({std::abs(now) / p.T / p.dq_max[joint] - kRateShare,
+                                 std::abs(after - before) / (2 * h * p.T) / p.ddq_max[joint] - kRateShare,
+                                 std::abs(after - 2 * now + before) / (h * h * p.T) / p.dddq_max[joint] - kJerkShare, 0.0});
+      }
+    return beyond;
   }
 
   /// ∂r/∂c by differences.
@@ -302,10 +378,7 @@ struct ReactionlessMotion::Impl {
         shifted[j] = x[j];
       }
     };
-    if (threads)
-      threads->run(integrators.size(), columns_of);
-    else
-      for (std::size_t worker = 0; worker < integrators.size(); ++worker) columns_of(worker);
+    run(integrators.size(), columns_of);
     return J;
   }
 

@@ -26,6 +26,9 @@ struct ReactionlessProblem {
   robot::PoseTarget target;          // in B0
   std::vector<double> q_min, q_max;  // n
   std::vector<double> dq_max;        // n, rad/s or m/s: speeds are kept low relative to these
+  std::vector<double> ddq_max;       // n, rad/s² or m/s²
+  std::vector<double> dddq_max;      // n, rad/s³ or m/s³
+  double T = 0;                      // s, in which dq_max, ddq_max and dddq_max have to be kept; 0: any duration
 };
 
 struct ReactionlessOptions {
@@ -38,7 +41,8 @@ struct ReactionlessOptions {
 /// The way of a motion. Same problem and options: same bits on any number of threads.
 class ReactionlessMotion {
  public:
-  /// Coefficients by the particle swarm, improved by Levenberg–Marquardt steps. Minimises the speeds; where no motion without reaction
+  /// Coefficients by the particle swarm, improved by Levenberg–Marquardt steps; where that does not reach the goal, from the nearest of
+  /// 2048 motions that are drawn at random. Minimises the speeds; where no motion without reaction
   /// is found, the turn of the base at the end, and less so on the way. Throws Error for sizes that do not fit.
   ReactionlessMotion(const ReactionlessProblem& problem, const ReactionlessOptions& options, numerics::Threads* threads);
   ~ReactionlessMotion();

@@ -170,6 +170,9 @@ Json answer_reactionless(const Robot& robot, Reader& r, const Context& context) 
   p.q_min = bounds.q_min;
   p.q_max = bounds.q_max;
   p.dq_max = bounds.dq;
+  p.ddq_max = bounds.ddq;
+  p.dddq_max = bounds.dddq;
+  p.T = T;
   if (pose) {
     p.frame = pose->frame;
     p.directions = pose->directions;
