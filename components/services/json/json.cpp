@@ -55,10 +55,12 @@ bool has_cost(Reader& r, const char* name) {
 /// Adds "assumptions" and a sentence to the notes, if there are any.
 void add_assumptions(const std::string& service, const Robot& robot, Reader& r, Json& reply) {
   const auto is = [&](const char* name, const Json& value) { return r.gives(name) && *r.any(name) == value; };
-  const bool grow = service == "grow", optimise = grow || service == "optimise", path = r.gives("series") || r.gives("waypoints");
+  const bool grow = service == "grow", optimise = grow || service == "optimise",
+             path = r.gives("series") || r.gives("waypoints");
   Needs n;
   n.searched = !path && !r.gives("T_s") && (!optimise || r.gives("T_max_s"));
-  if (service == "reach" || (service == "jerk" && !n.searched)) return;  // of the shape alone
+  if (service == "reach" || (service == "jerk" && !n.searched) || (grow && is("constraint", "base")))
+    return;  // of the shape alone
   const bool safety = service == "safety" || (optimise && has_cost(r, "safety"));
   n.contact = safety || service == "effective_mass" || (optimise && has_cost(r, "effective_mass"));
   if (is("drives", "none")) n.without_drives = "request: drives = none";
@@ -67,7 +69,8 @@ void add_assumptions(const std::string& service, const Robot& robot, Reader& r, 
   n.limits_of_torque = !r.gives(units.name("tau_max", 4).c_str());
   if (safety && r.gives("load_kg")) n.load = r.number("load_kg");
   n.elastic = n.without_drives.empty() && (service == "verify" || is("verify", true));
-  n.energy = service == "energy" || (optimise && has_cost(r, "energy")) || (grow && !r.gives("cost") && robot.energy) || (service == "verify" && robot.energy);
+  n.energy = service == "energy" || (optimise && has_cost(r, "energy")) || (grow && !r.gives("cost") && robot.energy) ||
+             (service == "verify" && robot.energy);
   std::string assumed;
   std::vector<std::pair<std::string, std::string>> unknown;  // names, effect
   for (const Assumption& a : assumptions(robot, n)) {

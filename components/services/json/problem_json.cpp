@@ -1,6 +1,7 @@
 #include "components/services/json/problem_json.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "models/foundation/support/text.h"
 
@@ -46,6 +47,48 @@ Json costs_json(const Problem& p, const std::vector<double>& costs) {
 
 bool has_cost(const Problem& p, Quantity quantity) {
   return std::ranges::any_of(p.costs, [&](const CostTerm& t) { return t.quantity == quantity; });
+}
+
+std::pair<std::uint32_t, std::uint64_t> read_draws(Reader& r) {
+  const int motions = r.integer("motions", 1, 1000000000, 10000, "that are drawn");
+  return {static_cast<std::uint32_t>(motions),
+          static_cast<std::uint64_t>(r.integer("seed", 0, 2147483647, 1, "same seed, same motions"))};
+}
+
+std::function<void(std::uint32_t)> percent_of(const Context& context, std::uint32_t motions) {
+  if (!context.progress) return {};
+  constexpr std::uint32_t kMost = 1000000;
+  return [&context, motions, step = std::clamp(motions / 100, 1u, kMost), told = 0u](std::uint32_t done) mutable {
+    if (done / step == told / step && done < motions) return;
+    context.progress(static_cast<double>(done) / motions, std::to_string(done) + " motions");
+    told = done;
+  };
+}
+
+Json forbidden_json(const robot::RobotModel& robot, const std::vector<std::uint32_t>& forbidden, std::uint32_t motions) {
+  constexpr const char* kBounds[] = {"q", "dq", "ddq", "dddq", "tau"};
+  std::vector<std::size_t> order;
+  for (std::size_t k = 0; k < forbidden.size(); ++k)
+    if (forbidden[k] > 0) order.push_back(k);
+  std::ranges::stable_sort(order, std::greater{}, [&](std::size_t k) { return forbidden[k]; });
+  Json all = Json::array();
+  for (const std::size_t k : order)
+    all.push_back({{"bound", kBounds[k / robot.joints.size()]},
+                   {"joint", robot.joints[k % robot.joints.size()].name},
+                   {"motions", forbidden[k]},
+                   {"share", static_cast<double>(forbidden[k]) / motions}});
+  return all;
+}
+
+Json distribution_json(const optimisation::Distribution& d, Detail detail) {
+  constexpr std::size_t kIntervals = 24;
+  if (d.count() == 0) return nullptr;
+  Json own{{"least", d.least()}, {"mean", d.mean()}, {"most", d.most()}};
+  for (const double p : {0.05, 0.25, 0.5, 0.75, 0.95}) own["quantiles"][text::to_text(p)] = d.quantile(p);
+  if (detail < Detail::kSeries) return own;
+  const auto [edges, counts] = d.intervals(kIntervals);
+  own["histogram"] = {{"edges", edges}, {"motions", counts}};
+  return own;
 }
 
 namespace {

@@ -282,6 +282,8 @@ const std::pair<const char*, Json (*)()> kReplies[] = {
          distributions.may(name, described(distribution, "of feasible motions; null: none is"));
          goals.may(name, described(numbers_or_null, "least that was drawn; null: no motion is feasible"));
        }
+       distributions.may("distance_m", described(distribution, "constraint base: from the frame's first place to its last"));
+       const Object ends = Object().must("least_m", kNumbers).must("most_m", kNumbers);
        return Object()
            .must("feasible", described(kBoolean, "at least one motion"))
            .must("reason", kText)
@@ -290,6 +292,7 @@ const std::pair<const char*, Json (*)()> kReplies[] = {
            .must("forbidden", described(array_of(joint().must("bound", kText).must("motions", integer).must("share", kNumber)),
                                         "motions that are not feasible, by the bound that they exceed most"))
            .must("costs", distributions)
+           .may("ends", described(ends, "constraint base: corners of the places at which the frame ends or begins"))
            .may("front", described(motions, "none is better than another in all costs"))
            .may("goals", described(goals, "of each posture of a list or place of a grid, x first"));
      }},

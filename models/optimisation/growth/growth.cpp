@@ -15,7 +15,7 @@ namespace {
 
 constexpr std::size_t kPerSlot = 512, kSlots = 16;  // motions that one thread takes at a time, and such parts of a batch
 constexpr int kFine = 44;                           // bits of a number below its sign, exponent and eight bits of its mantissa
-constexpr std::uint64_t kPerOctave = 1 << 8;
+constexpr std::size_t kFront = 100;
 
 std::uint64_t place_of(double magnitude) { return std::bit_cast<std::uint64_t>(magnitude) >> kFine; }
 const std::uint64_t kFirst = place_of(0x1p-40), kSize = place_of(0x1p60) - kFirst;
@@ -162,7 +162,7 @@ Harvest grow(const Problem& problem, const GrowthOptions& o, numerics::Threads* 
   h.forbidden.resize(5 * n);
   h.costs.resize(terms);
   h.goals.assign(o.to.list.size(), {0, std::vector<double>(terms, std::numeric_limits<double>::infinity())});
-  Archive front;
+  Archive front(kFront);
   struct Candidate {
     double cost;
     std::uint32_t number;
@@ -177,6 +177,12 @@ Harvest grow(const Problem& problem, const GrowthOptions& o, numerics::Threads* 
     s.values = evaluator.values();
   }
 
+  const auto run = [&](std::size_t blocks, const std::function<void(std::size_t)>& work) {
+    if (threads)
+      threads->run(blocks, work);
+    else
+      for (std::size_t block = 0; block < blocks; ++block) work(block);
+  };
   std::uint32_t first = 0;  // of the batch
   const auto evaluate = [&](std::size_t slot) {
     Slot& s = slots[slot];
@@ -237,10 +243,7 @@ Harvest grow(const Problem& problem, const GrowthOptions& o, numerics::Threads* 
   while (first < o.motions) {
     const std::size_t count = std::min<std::size_t>(kSlots * kPerSlot, o.motions - first);
     const std::size_t used = (count + kPerSlot - 1) / kPerSlot;
-    if (threads)
-      threads->run(used, evaluate);
-    else
-      for (std::size_t slot = 0; slot < used; ++slot) evaluate(slot);
+    run(used, evaluate);
     Round round;
     for (std::size_t i = 0; i < count; ++i) {
       const Slot& s = slots[i / kPerSlot];
@@ -259,25 +262,34 @@ Harvest grow(const Problem& problem, const GrowthOptions& o, numerics::Threads* 
     if (o.on_progress) o.on_progress(first);
   }
 
-  Problem exact = problem;
-  exact.samples = std::max(exact.samples, Problem().samples);
-  const auto assessed = [&](std::uint32_t number) -> std::optional<Round::Particle> {
-    Round::Particle p = grown(problem, o, number);
-    exact.ends.q_from = p.q_from;
-    const Solution found = assess(exact, p.c, p.q_to, p.T);
-    p.costs = found.costs;
-    return found.status == Status::kFeasible ? std::optional(p) : std::nullopt;
+  const auto assessed = [&](const std::vector<std::uint32_t>& numbers) {
+    std::vector<std::optional<Round::Particle>> all(numbers.size());
+    run(numbers.size(), [&](std::size_t k) {
+      Round::Particle p = grown(problem, o, numbers[k]);
+      Problem exact = problem;
+      exact.samples = std::max(exact.samples, Problem().samples);
+      exact.ends.q_from = p.q_from;
+      const Solution found = assess(exact, p.c, p.q_to, p.T);
+      p.costs = found.costs;
+      if (found.status == Status::kFeasible) all[k] = std::move(p);
+    });
+    std::vector<Round::Particle> kept;
+    for (auto& particle : all)
+      if (particle) kept.push_back(std::move(*particle));
+    return kept;
   };
+  std::vector<std::uint32_t> numbers;
   for (std::size_t term = 0; term < terms; ++term) {
-    std::vector<Round::Particle>& kept = h.best.emplace_back();
-    for (const Candidate& candidate : best[term])
-      if (auto particle = assessed(candidate.number)) kept.push_back(std::move(*particle));
+    numbers.clear();
+    for (const Candidate& candidate : best[term]) numbers.push_back(candidate.number);
+    std::vector<Round::Particle>& kept = h.best.emplace_back(assessed(numbers));
     std::ranges::sort(kept, {}, [&](const Round::Particle& p) { return std::pair(p.costs[term], p.number); });
     if (kept.size() > o.best) kept.resize(o.best);
   }
+  numbers.clear();
+  for (const Round::Particle& member : front.members()) numbers.push_back(static_cast<std::uint32_t>(member.number));
   Archive checked;
-  for (const Round::Particle& member : front.members())
-    if (const auto particle = assessed(static_cast<std::uint32_t>(member.number))) checked.add(*particle);
+  for (const Round::Particle& particle : assessed(numbers)) checked.add(particle);
   h.front = checked.members();
   return h;
 }

@@ -67,7 +67,7 @@ struct Harvest {
   std::vector<Goal> goals;
   /// As assess() sees them at no fewer samples than Problem has by itself, without those that it finds infeasible.
   std::vector<std::vector<Round::Particle>> best;  // of each cost, ascending
-  std::vector<Round::Particle> front;              // of two costs and more, see Archive
+  std::vector<Round::Particle> front;              // of two costs and more, at most 100, see Archive
 };
 
 /// Motion `number` without costs.

@@ -6,11 +6,8 @@
 
 #include "models/foundation/support/error.h"
 #include "models/numerics/dense.h"
-#include "models/numerics/random.h"
 #include "models/numerics/swarm.h"
-#include "models/robot/floating_base.h"
-#include "models/trajectory/bernstein.h"
-#include "models/trajectory/polynomial.h"
+#include "models/optimisation/reactionless/integrator.h"
 
 namespace cotwin::optimisation {
 
@@ -22,178 +19,13 @@ using Eigen::Quaterniond;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
 
-constexpr std::uint32_t kGrownStream = 1;
-constexpr int kTerms = 8;             // of each α_j
-constexpr int kSteps = 50;            // of the search
 constexpr int kGridCorrections = 10;  // of the coefficients on a finer grid
-constexpr double kLargest = 4;        // of a coefficient in the swarm, rad or m
-constexpr double kLost = 1e-3;        // of the largest singular value: below it a direction of Z counts as lost
-constexpr double kDifference = 1e-6;  // of finite differences
 // Weights of residuals against the speeds in units of their limits, per rad and m: of what is left to the goal and (kLimit as much) of
 // what exceeds a limit of position less a margin, for the swarm and for the last steps; of the base's turn at the end and on the way.
 constexpr double kGoal = 1e3, kExactGoal = 1e5, kLimit = 0.3, kTurn = 300, kWayTurn = 10;
-constexpr double kMargin = 0.01;     // rad, m
+constexpr double kMargin = 0.01;  // rad, m
 // Of the bounds of speed and acceleration, and of jerk, since differences of steps are not exact.
 constexpr double kRateShare = 0.97, kJerkShare = 0.9;
-
-/// φ_k at the times of RK4's stages: one column per half step.
-MatrixXd table_of(int steps) {
-  const trajectory::RedundantTerms terms(5 + kTerms);
-  MatrixXd phi(kTerms, 2 * steps + 1);
-  for (int i = 0; i <= 2 * steps; ++i)
-    for (int k = 0; k < kTerms; ++k)
-      phi(k, i) = trajectory::bernstein::evaluate(terms.term(static_cast<std::size_t>(k)), 0.5 * i / steps)[0];
-  return phi;
-}
-
-/// Coefficients of motion `number` of those that are grown: r · largest · u, r uniform in [0, 1], each u in [−1, 1].
-VectorXd drawn(Index columns, std::uint64_t seed, std::uint32_t number, double largest) {
-  VectorXd x(columns * kTerms);
-  const auto uniform = [&](Index draw) {
-    return numerics::uniform({seed, kGrownStream, 0, number, static_cast<std::uint32_t>(draw)});
-  };
-  for (Index i = 0; i < x.size(); ++i) x[i] = uniform(x.size()) * largest * (2 * uniform(i) - 1);
-  return x;
-}
-
-/// Integrates motions; one per thread.
-class Integrator {
- public:
-  explicit Integrator(const ReactionlessProblem& p)
-      : p_(p),
-        mechanism_(p.robot),
-        data_(mechanism_),
-        inertia_(p.robot.n()),
-        start_(Eigen::Map<const VectorXd>(p.q_from.data(), p.robot.n())) {
-    if (p.q_to.empty()) kinematics_ = std::make_unique<robot::InverseKinematics>(p.robot, p.frame, p.directions);
-    at(start_);
-    centre_ = inertia_.p_C;
-  }
-
-  /// Z at q.
-  MatrixXd Z(const VectorXd& q) {
-    at(q);
-    return inertia_.Z();
-  }
-  const VectorXd& start() const { return start_; }
-
-  /// Within null(Z), of dimension b.cols(), from the basis b at the start.
-  void keep_attitude(MatrixXd b) {
-    basis_ = std::move(b);
-    rank_ = std::min<Index>(3, basis_.rows() - basis_.cols());
-    turns_ = false;
-  }
-  /// With all joints.
-  void allow_turn() {
-    basis_ = MatrixXd::Identity(start_.size(), start_.size());
-    turns_ = true;
-  }
-
-  /// The motion with the coefficients c (columns of b × kTerms); visits q, dq/ds and the base's attitude at each step.
-  template <class Visit>
-  void run(const VectorXd& c, const MatrixXd& phi, Visit visit) {
-    const Eigen::Map<const MatrixXd> C(c.data(), basis_.cols(), kTerms);
-    const Index steps = (phi.cols() - 1) / 2;
-    const double h = 1.0 / static_cast<double>(steps);
-    State y{start_, basis_, Eigen::Vector4d::UnitW()}, mid = y;
-    for (Index k = 0;; ++k) {
-      rate(y, C * phi.col(2 * k), k1_);
-      visit(k, y.q, k1_.q, Quaterniond(y.Q));
-      if (k == steps) break;
-      const VectorXd middle = C * phi.col(2 * k + 1);
-      moved(y, 0.5 * h, k1_, mid);
-      rate(mid, middle, k2_);
-      moved(y, 0.5 * h, k2_, mid);
-      rate(mid, middle, k3_);
-      moved(y, h, k3_, mid);
-      rate(mid, C * phi.col(2 * k + 2), k4_);
-      moved(y, h / 6, k1_, y);
-      moved(y, h / 3, k2_, y);
-      moved(y, h / 3, k3_, y);
-      moved(y, h / 6, k4_, y);
-      y.Q.normalize();
-    }
-  }
-
-  /// What is left to the goal: a posture, or of a pose positions, then twice the vector part of the rotation's quaternion.
-  VectorXd left(const VectorXd& q, const Quaterniond& Q) {
-    if (!kinematics_) return Eigen::Map<const VectorXd>(p_.q_to.data(), start_.size()) - q;
-    at(q);
-    const Vector3d p_B = centre_ - Q * inertia_.p_C;
-    const robot::PoseTarget seen{Q.conjugate() * (p_.target.p - p_B), Q.conjugate() * p_.target.Q};
-    VectorXd e(kinematics_->rows());
-    MatrixXd J(kinematics_->rows(), start_.size());
-    kinematics_->linearise(seen, q, e, J);
-    return e;
-  }
-
- private:
-  struct State {
-    VectorXd q;
-    MatrixXd b;
-    Eigen::Vector4d Q;  // x, y, z, w
-  };
-
-  void at(const VectorXd& q) { robot::floating_inertia(mechanism_, data_, q, inertia_); }
-
-  /// y + h k.
-  void moved(const State& y, double h, const State& k, State& to) {
-    to.q = y.q + h * k.q;
-    if (turns_)
-      to.Q = y.Q + h * k.Q;
-    else
-      to.b = y.b + h * k.b;
-  }
-
-  /// An orthonormal basis of the rows of Z at q.
-  void row_space(const VectorXd& q, Eigen::MatrixX3d& V) {
-    at(q);
-    V = inertia_.Z().transpose();
-    for (Index i = 0; i < rank_; ++i) {
-      Index largest = 0;
-      V.rightCols(3 - i).colwise().squaredNorm().maxCoeff(&largest);
-      if (largest > 0) V.col(i).swap(V.col(i + largest));
-      for (Index j = 0; j < i; ++j) V.col(i) -= V.col(j).dot(V.col(i)) * V.col(j);  // once more, for rounding
-      V.col(i).normalize();
-      for (Index j = i + 1; j < 3; ++j) V.col(j) -= V.col(i).dot(V.col(j)) * V.col(i);
-    }
-  }
-  template <class X>
-  X projected(const Eigen::MatrixX3d& V, const X& x) const {
-    return x - V.leftCols(rank_) * (V.leftCols(rank_).transpose() * x);
-  }
-
-  void rate(const State& y, const VectorXd& alpha, State& k) {
-    k.q = y.b * alpha;
-    if (turns_) {
-      at(y.q);
-      const Vector3d w = inertia_.Z() * k.q;
-      k.Q = 0.5 * (Quaterniond(y.Q) * Quaterniond(0, w.x(), w.y(), w.z())).coeffs();
-      return;
-    }
-    row_space(y.q, V_);
-    k.q = projected(V_, k.q);
-    const double length = k.q.norm();
-    k.b.setZero(y.b.rows(), y.b.cols());
-    if (length == 0) return;
-    row_space(y.q + kDifference / length * k.q, ahead_);
-    const MatrixXd b = projected(V_, y.b);
-    k.b = (length / kDifference) * (projected(ahead_, b) - b);
-  }
-
-  const ReactionlessProblem& p_;
-  robot::FloatingMechanism mechanism_;
-  robot::FloatingData data_;
-  robot::FloatingInertia inertia_;
-  std::unique_ptr<robot::InverseKinematics> kinematics_;
-  VectorXd start_;
-  Vector3d centre_;  // of mass in B0
-  MatrixXd basis_;
-  Index rank_ = 3;
-  bool turns_ = false;
-  Eigen::MatrixX3d V_, ahead_;
-  State k1_, k2_, k3_, k4_;
-};
 
 }  // namespace
 
@@ -216,33 +48,12 @@ struct ReactionlessMotion::Impl {
     search();
   }
 
-  /// Chooses null(Z), or returns false with the obstacle.
+  /// Stays within null(Z), or returns false with the obstacle.
   bool keep_attitude() {
-    Integrator& first = *integrators.front();
-    const auto rank_at = [&](const VectorXd& q, double threshold) {
-      const VectorXd s = numerics::singular_values(first.Z(q));
-      return static_cast<Index>((s.array() > threshold * s.maxCoeff()).count());
-    };
-    Index rank = 0;  // that of nearly all postures
-    for (std::uint32_t k = 0; k < 8; ++k) {
-      VectorXd q = first.start();
-      for (Index j = 0; j < n; ++j)
-        q[j] += numerics::uniform({.seed = 1, .particle = k, .draw = static_cast<std::uint32_t>(j)}) - 0.5;
-      rank = std::max(rank, rank_at(q, 1e-9));
-    }
-    columns = n - rank;
-    if (columns == 0) {
-      obstacle = n == 1 ? "the robot has one joint, which turns the base"
-                        : "every motion of the robot's " + std::to_string(n) + " joints turns the base";
-      return false;
-    }
-    if (rank_at(first.start(), kLost) < rank) {
-      obstacle = "the first posture is singular: its joints turn the base about " +
-                 std::to_string(rank_at(first.start(), kLost)) + " axes, those of its neighbours about " + std::to_string(rank);
-      return false;
-    }
-    const MatrixXd basis = numerics::svd(first.Z(first.start())).V.rightCols(columns);
-    for (auto& i : integrators) i->keep_attitude(basis);
+    const std::optional<MatrixXd> basis = attitude_keeping(*integrators.front(), n, obstacle);
+    if (!basis) return false;
+    columns = basis->cols();
+    for (auto& i : integrators) i->keep_attitude(*basis);
     return true;
   }
 
@@ -254,13 +65,13 @@ struct ReactionlessMotion::Impl {
       VectorXd r;
       for (std::size_t k = worker; k < kGrown; k += integrators.size()) {
         const auto number = static_cast<std::uint32_t>(k);
-        residuals(*integrators[worker], drawn(columns, options.seed, number, kLargest), kGoal, r);
+        residuals(*integrators[worker], drawn(columns, options.seed, number), kGoal, r);
         all[k] = {r.squaredNorm(), number};
       }
     });
     std::ranges::partial_sort(all, all.begin() + kKept);
     std::vector<VectorXd> nearest;
-    for (std::size_t k = 0; k < kKept; ++k) nearest.push_back(drawn(columns, options.seed, all[k].second, kLargest));
+    for (std::size_t k = 0; k < kKept; ++k) nearest.push_back(drawn(columns, options.seed, all[k].second));
     return nearest;
   }
   void run(std::size_t blocks, const std::function<void(std::size_t)>& work) const {
@@ -282,7 +93,6 @@ struct ReactionlessMotion::Impl {
       }
     };
     double best = std::numeric_limits<double>::infinity();
-    std::optional<VectorXd> too_fast;  // reaches the goal, but not in the time T
     const auto reaches = [&](VectorXd x) {
       improve(x, kGoal);
       const double found = improve(x, kExactGoal);
@@ -290,10 +100,7 @@ struct ReactionlessMotion::Impl {
       best = found;
       c = x;
       (void)sampled(coarse);
-      if (!reached() || !within) return false;
-      if (keeps_rates()) return true;
-      too_fast = c;
-      return false;
+      return reached() && within;
     };
     for (int attempt = 0; attempt < options.attempts; ++attempt) {
       numerics::SwarmOptions o;
@@ -310,22 +117,10 @@ struct ReactionlessMotion::Impl {
       for (const VectorXd& near : nearest_grown())
         if (reaches(near)) return true;
     }
-    if (too_fast) {
-      c = *too_fast;
-      (void)sampled(coarse);
-      return true;
-    }
     if (!turns)
       obstacle =
           std::string("no motion without reaction was found ") + (reached() ? "within the limits of position" : "to the goal");
     return false;
-  }
-  /// Whether speed, acceleration and jerk keep their bounds in the time T.
-  bool keeps_rates() const {
-    if (p.T == 0) return true;
-    VectorXd r;
-    residuals(*integrators.front(), c, 1, r);
-    return r.tail(n * (kSteps + 1)).maxCoeff() <= kLimit * (1 - kRateShare);
   }
   bool reached() const { return std::max(distance, angle) <= 1e-6; }
 
@@ -354,15 +149,13 @@ struct ReactionlessMotion::Impl {
 
   /// By how much speed, acceleration or jerk exceeds its bound in the time T, relative, of each joint at each step, from dq/ds.
   MatrixXd excess(const MatrixXd& rates) const {
-    MatrixXd beyond = MatrixXd::Zero(n, kSteps + 1);
-    for (Index k = 1; k < kSteps; ++k)
-      for (Index j = 0; j < n; ++j) {
-        const auto joint = static_cast<std::size_t>(j);
-        const double before = rates(j, k - 1), now = rates(j, k), after = rates(j, k + 1), h = p.T / kSteps;
-        beyond(j, k) = std::max({std::abs(now) / p.T / p.dq_max[joint] - kRateShare,
-                                 std::abs(after - before) / (2 * h * p.T) / p.ddq_max[joint] - kRateShare,
-                                 std::abs(after - 2 * now + before) / (h * h * p.T) / p.dddq_max[joint] - kJerkShare, 0.0});
-      }
+    MatrixXd beyond(n, kSteps + 1);
+    beyond.setZero();
+    each_rate(rates, [&](Index k, Index j, double dq, double ddq, double dddq) {
+      const auto joint = static_cast<std::size_t>(j);
+      beyond(j, k) = std::max({dq / p.T / p.dq_max[joint] - kRateShare, ddq / (p.T * p.T) / p.ddq_max[joint] - kRateShare,
+                               dddq / (p.T * p.T * p.T) / p.dddq_max[joint] - kJerkShare, 0.0});
+    });
     return beyond;
   }
 

@@ -1,9 +1,11 @@
 #pragma once
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
 
+#include "models/foundation/support/error.h"
 #include "models/foundation/support/threads.h"
 #include "models/robot/inverse_kinematics.h"
 #include "models/trajectory/series/series.h"
@@ -61,5 +63,26 @@ class ReactionlessMotion {
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };
+
+/// Why motions have to turn the base, as in ReactionlessMotion::obstacle().
+class NoReactionlessMotion : public Error {
+ public:
+  using Error::Error;
+};
+
+/// A motion of constrained data growing (V-C): it does not turn the base, and ends somewhere.
+struct ReactionlessGrown {
+  std::uint32_t number = 0;
+  std::vector<double> q;   // n, at the end
+  robot::PoseTarget pose;  // of the frame at the end, in B0
+  double beyond = 0;       // rad or m: the most by which a joint leaves its limits on the way
+  std::size_t joint = 0;   // that one
+  double T = 0;  // s, the shortest that keeps the bounds of speed, acceleration and jerk at 50 steps; 0: none limits it
+};
+
+/// Draws motions of a problem without a goal and visits them in their order: motion k is a function of seed and k, on any number of
+/// threads. Throws NoReactionlessMotion where every motion turns the base, and what `visit` throws.
+void grow_reactionless(const ReactionlessProblem& problem, std::uint32_t motions, std::uint64_t seed,
+                       numerics::Threads* threads, const std::function<void(const ReactionlessGrown&)>& visit);
 
 }  // namespace cotwin::optimisation

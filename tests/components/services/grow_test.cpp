@@ -87,7 +87,8 @@ TEST(Grow, HasTheCostsThatTheOtherServicesTellOfEachMotion) {
 
 TEST(Grow, GivesTheSameBytesOnAnyNumberOfThreadsAndTellsItsProgress) {
   Robots robots = shipped();
-  const json asked = request({{"motions", 20000}, {"detail", "all"}});
+  const json two{{{"name", "time"}}, {{"name", "torque"}}};
+  const json asked = request({{"motions", 17000}, {"detail", "all"}, {"cost", two}});
   const std::string one = answer(robots, asked.dump());
   numerics::Threads threads(2);
   Context context;
@@ -98,7 +99,7 @@ TEST(Grow, GivesTheSameBytesOnAnyNumberOfThreadsAndTellsItsProgress) {
   ASSERT_GE(shares.size(), 3u);
   EXPECT_TRUE(std::ranges::is_sorted(shares));
   EXPECT_EQ(shares.back(), 1);
-  EXPECT_NE(answer(robots, request({{"motions", 20000}, {"detail", "all"}, {"seed", 2}}).dump()), one);
+  EXPECT_NE(answer(robots, request({{"motions", 17000}, {"detail", "all"}, {"cost", two}, {"seed", 2}}).dump()), one);
   // A billion motions end where the caller ends them.
   context.progress = [](double, const std::string&) { throw Error("job", "was cancelled"); };
   json endless = request({{"motions", 1000000000}, {"samples", 8}, {"T_min_s", 0.0001}, {"T_max_s", 0.0002}});
@@ -249,6 +250,73 @@ TEST(Grow, RefusesWhatItCannotMean) {
   EXPECT_THAT(grid({{"most_m", {-1, 1, 0}}}), HasSubstr("/to_grid/most_m/0: is -1"));
   EXPECT_THAT(grid({{"quaternion_wxyz", {1, 1, 0, 0}}}), HasSubstr("has the norm 1.41"));
   EXPECT_THAT(grid({{"frame", "nowhere"}}), HasSubstr("nowhere"));
+}
+
+/// The satellite with a probe of example 22.
+json of_satellite(const std::string& service, const json& more) {
+  json r{{"service", service},
+         {"robot", places::source() + "/examples/22_reactionless/satellite.urdf"},
+         {"from_q_rad", {0, 0.5, 0, -1.4, 0, 0.8, 0}}};
+  r.update(more);
+  return r;
+}
+
+// The way back: reactionless gets to the places that grow tells, and by Newton and Euler its motions do not turn the base.
+TEST(Grow, TellsWhereMotionsThatDoNotTurnTheBaseEnd) {
+  Robots robots({places::source() + "/models/robots"}, "lwr4", true);
+  Kept kept;
+  Context context;
+  context.rows = &kept;
+  const json asked = of_satellite("grow", {{"constraint", "base"}, {"motions", 120}, {"detail", "all"}});
+  const json reply = ask(robots, asked, context);
+  ASSERT_EQ(kept.table.size(), 120u);
+  numerics::Threads threads(3);
+  Context more;
+  more.threads = &threads;
+  EXPECT_EQ(ask(robots, asked, more), reply);
+  const double q_max = robots.find(asked["robot"])->model.joints[3].q_max;
+  int feasible = 0, tried = 0;
+  for (const auto& row : kept.table) {
+    feasible += row[1] == 1 ? 1 : 0;
+    if (row[1] == 1) EXPECT_LE(std::abs(row[10 + 3]), q_max);
+    for (int i = 0; i < 3; ++i)
+      if (row[1] == 1) {
+        EXPECT_GE(row[3 + static_cast<std::size_t>(i)], reply["ends"]["least_m"][i]);
+        EXPECT_LE(row[3 + static_cast<std::size_t>(i)], reply["ends"]["most_m"][i]);
+      }
+    if (row[1] != 1 || std::hypot(row[3] + 0.7104, row[4], row[5] + 0.0915) < 0.2 || tried == 2) continue;
+    ++tried;
+    const json goal{{"directions", {"x", "y", "z"}},
+                    {"p_m", {row[3], row[4], row[5]}},
+                    {"quaternion_wxyz", {row[6], row[7], row[8], row[9]}}};
+    const json back = ask(robots, of_satellite("reactionless", {{"to_pose", goal}}));
+    EXPECT_TRUE(back["reactionless"].get<bool>()) << row[0];
+    EXPECT_LT(back["to_go"]["distance_m"].get<double>(), 1e-6);
+    EXPECT_LT(back["worst"]["turn"]["turn_rad"].get<double>(), 1e-6);
+  }
+  EXPECT_EQ(tried, 2);
+  EXPECT_EQ(feasible, reply["feasible_motions"]);
+  EXPECT_GT(feasible, 60);
+  EXPECT_EQ(reply["forbidden"][0]["bound"], "q");
+}
+
+TEST(Grow, RefusesWhatCannotKeepTheBase) {
+  Robots robots({places::source() + "/models/robots"}, "lwr4", true);
+  const json asked = of_satellite("grow", {{"constraint", "base"}, {"motions", 10}});
+  const auto refused = [&](const json& change) { return problem_of(robots, asked, change); };
+  EXPECT_EQ(refused(json::object()), "");
+  EXPECT_THAT(refused({{"to_q_rad", {0, 0, 0, 0, 0, 0, 0}}}), HasSubstr("/to_q_rad: is given with the constraint base"));
+  EXPECT_THAT(refused({{"from_q_rad", nullptr}}), HasSubstr("/from_q_rad: is missing"));
+  EXPECT_THAT(refused({{"T_min_s", 1}}), HasSubstr("/T_min_s: is an unknown member"));
+  EXPECT_THAT(refused({{"from_q_rad", {0, 0, 0, 0, 0, 0, 0}}}),
+              HasSubstr("/constraint: is base, but the first posture is singular"));
+  EXPECT_THAT(refused({{"constraint", nullptr}, {"base", {{"mass_kg", 1}}}}),
+              HasSubstr("/base: is given, but has no effect without the constraint"));
+  EXPECT_THAT(refused({{"robot", "planar2"},
+                       {"locked_q", {{"elbow", 1}}},
+                       {"from_q_rad", {0}},
+                       {"base", {{"mass_kg", 1}, {"inertia_kg_m2", {1, 0, 0, 1, 0, 1}}}}}),
+              HasSubstr("the robot has one joint, which turns the base"));
 }
 
 }  // namespace

@@ -141,11 +141,28 @@ TEST(Reactionless, TakesTheShortestDurationWithinTheBoundsUnlessItIsGiven) {
   const json shortest = ask(robots, question);
   ASSERT_TRUE(shortest["feasible"].get<bool>()) << shortest["reason"];
   EXPECT_NEAR(shortest["limiting"]["share"].get<double>(), 1, 1e-3);
-  question["T_s"] = 0.9 * shortest["T_s"].get<double>();
+  question["T_s"] = 0.3 * shortest["T_s"].get<double>();
   const json shorter = ask(robots, question);
   EXPECT_FALSE(shorter["feasible"].get<bool>());
   EXPECT_THAT(shorter["reason"].get<std::string>(), HasSubstr("bound"));
   EXPECT_TRUE(shorter["reactionless"].get<bool>());
+}
+
+// The way of least speeds takes 4.89 s: in 3.4 s it exceeds the bound of acceleration twice.
+TEST(Reactionless, HeedsBoundsOfAccelerationAndJerkInAGivenTime) {
+  Robots robots({robots_folder()}, "lwr4", true);
+  const json question{
+      {"service", "reactionless"},
+      {"T_s", 3.4},
+      {"robot", places::source() + "/examples/22_reactionless/satellite.urdf"},
+      {"from_q_rad", {0, 0.5, 0, -1.4, 0, 0.8, 0}},
+      {"to_pose", {{"directions", {"x", "y", "z"}}, {"p_m", {-0.7856, -0.08, -0.0478}}, {"quaternion_wxyz", {1, 0, 0, 0}}}},
+      {"ddq_max_rad_per_s2", std::vector<double>(7, 5)},
+      {"dddq_max_rad_per_s3", std::vector<double>(7, 50)}};
+  const json reply = ask(robots, question);
+  EXPECT_TRUE(reply["reactionless"].get<bool>());
+  EXPECT_TRUE(reply["feasible"].get<bool>()) << reply["reason"];
+  EXPECT_LT(reply["worst"]["turn"]["turn_rad"].get<double>(), 1e-6);
 }
 
 TEST(Reactionless, KeepsTheAttitudeOfVeryLightAndVeryHeavyBases) {

@@ -26,6 +26,8 @@ Json answer_reaction(const Robot&, Reader&, const Context&);
 Json answer_reactionless(const Robot&, Reader&, const Context&);
 Json answer_optimise(const Robot&, Reader&, const Context&);
 Json answer_grow(const Robot&, Reader&, const Context&);
+/// grow with the constraint base.
+Json answer_grow_reactionless(const Robot&, Reader&, const Context&);
 Json answer_verify(const Robot&, Reader&, const Context&);
 
 /// The members settle_s and tracking_max of a verification, for the services verify and optimise; the joints are rigid with drives = none.

@@ -1,6 +1,7 @@
 // grow: very many motions between postures, and what they cost.
 #include <algorithm>
 #include <cmath>
+#include <tuple>
 
 #include "components/services/json/answers/answers.h"
 #include "components/services/json/contact_json.h"
@@ -19,7 +20,6 @@ using optimisation::Quantity;
 using Particle = optimisation::Round::Particle;
 
 constexpr std::size_t kMostPostures = 100000;  // of a list or grid
-constexpr const char* kBounds[] = {"q", "dq", "ddq", "dddq", "tau"};
 
 std::vector<double> read_posture(const Robot& robot, Reader& r, const char* plain, const char* what) {
   const JointUnits units(robot.model);
@@ -174,20 +174,6 @@ std::vector<double> standard_ranges(const PostureSet& from, const PostureSet& to
   return ranges;
 }
 
-Json forbidden_json(const robot::RobotModel& robot, const optimisation::Harvest& h) {
-  std::vector<std::size_t> order;
-  for (std::size_t k = 0; k < h.forbidden.size(); ++k)
-    if (h.forbidden[k] > 0) order.push_back(k);
-  std::ranges::stable_sort(order, std::greater{}, [&](std::size_t k) { return h.forbidden[k]; });
-  Json all = Json::array();
-  for (const std::size_t k : order)
-    all.push_back({{"bound", kBounds[k / robot.joints.size()]},
-                   {"joint", robot.joints[k % robot.joints.size()].name},
-                   {"motions", h.forbidden[k]},
-                   {"share", static_cast<double>(h.forbidden[k]) / h.motions}});
-  return all;
-}
-
 Json motions_json(const Robot& robot, const Problem& p, const std::vector<Particle>& particles) {
   Json all = Json::array();
   for (const Particle& particle : particles) {
@@ -202,17 +188,6 @@ Json motions_json(const Robot& robot, const Problem& p, const std::vector<Partic
                    {"motion", motion_of(robot, move, particle.T)}});
   }
   return all;
-}
-
-Json distribution_json(const optimisation::Distribution& d, Detail detail) {
-  constexpr std::size_t kIntervals = 24;
-  if (d.count() == 0) return nullptr;
-  Json own{{"least", d.least()}, {"mean", d.mean()}, {"most", d.most()}};
-  for (const double p : {0.05, 0.25, 0.5, 0.75, 0.95}) own["quantiles"][text::to_text(p)] = d.quantile(p);
-  if (detail < Detail::kSeries) return own;
-  const auto [edges, counts] = d.intervals(kIntervals);
-  own["histogram"] = {{"edges", edges}, {"motions", counts}};
-  return own;
 }
 
 /// Of each goal, arrays: its place, whether it is reached, the share of its motions that is feasible, and the least of each cost.
@@ -275,16 +250,23 @@ std::vector<optimisation::CostTerm> standard_costs(const Robot& robot) {
 }  // namespace
 
 Json answer_grow(const Robot& robot, Reader& r, const Context& context) {
+  const bool keeps_base = r.word("constraint", {"none", "base"}, "base: motions that do not turn a free base") == "base";
+  if (keeps_base) return answer_grow_reactionless(robot, r, context);
+  for (const char* name : {"base", "frame"}) r.only_if(r.describes(), name, "the constraint base");
   MoveRequest m = read_goal(robot, r, context, {.duration = false, .start = false}, false);
   const Detail detail = read_detail(r);
   std::vector<std::string> notes = m.notes;
   std::string weight;
   m.degree = r.integer("degree", 5, 31, 9, "of the polynomials");
+  if (r.describes()) {
+    (void)answer_grow_reactionless(robot, r, context);
+    r.declare_one_of({"from_q_rad", "from_q_deg", "from_q", "from_postures", "from_box"});
+    r.or_instead({"constraint"});
+  }
   Problem p = read_problem(robot, m, r, standard_costs(robot), weight, notes);
   p.samples = static_cast<std::size_t>(r.integer("samples", 8, 1000, 50, "of the torques of a motion"));
   optimisation::GrowthOptions o;
-  o.motions = static_cast<std::uint32_t>(r.integer("motions", 1, 1000000000, 10000, "that are drawn"));
-  o.seed = static_cast<std::uint64_t>(r.integer("seed", 0, 2147483647, 1, "same seed, same motions"));
+  std::tie(o.motions, o.seed) = read_draws(r);
   o.best = static_cast<std::size_t>(r.integer("best", 1, 1000, 3, "motions that are told of each cost"));
   const JointUnits units(robot.model);
   o.c_max = units.read(r, "c_r_max", 0, true,
@@ -294,7 +276,6 @@ Json answer_grow(const Robot& robot, Reader& r, const Context& context) {
   if (r.describes()) {
     r.declare("to_grid", Reader::schema_of([&](Reader& own) { read_grid(robot, own, grid); }), false,
               "in place of one posture: a grid of places that a frame reaches, as goals in turn");
-    r.declare_one_of({"from_q_rad", "from_q_deg", "from_q", "from_postures", "from_box"});
     r.declare_one_of({"to_q_rad", "to_q_deg", "to_q", "to_postures", "to_box", "to_grid"});
     return {};
   }
@@ -338,13 +319,7 @@ Json answer_grow(const Robot& robot, Reader& r, const Context& context) {
     rows.emplace(*context.rows, p, o.motions);
     o.on_batch = [&](const optimisation::Round& batch) { rows->add(batch); };
   }
-  double told = 0;
-  if (context.progress)
-    o.on_progress = [&](std::uint32_t done) {
-      const double percent = std::floor(100.0 * done / o.motions);
-      if (percent > told) context.progress(0.01 * percent, std::to_string(done) + " motions");
-      told = percent;
-    };
+  o.on_progress = percent_of(context, o.motions);
   if (o.c_max.empty() && !none) o.c_max = standard_ranges(*from, *to, n);
   o.from = std::move(*from);
   o.to = std::move(*to);
@@ -359,7 +334,7 @@ Json answer_grow(const Robot& robot, Reader& r, const Context& context) {
              {"reason", none ? "no place of the grid is reached within the bounds of position" : ""},
              {"motions", h.motions},
              {"feasible_motions", h.feasible},
-             {"forbidden", forbidden_json(robot.model, h)}};
+             {"forbidden", forbidden_json(robot.model, h.forbidden, h.motions)}};
   if (h.feasible == 0 && !none) {
     const Json& most = reply["forbidden"][0];
     reply["reason"] = "none of " + std::to_string(h.motions) + " motions keeps the bounds; " +

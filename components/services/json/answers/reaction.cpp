@@ -2,8 +2,10 @@
 #include <cmath>
 
 #include "components/services/json/answers/answers.h"
+#include "components/services/json/contact_json.h"
 #include "components/services/json/end_pose_json.h"
 #include "components/services/json/loads_json.h"
+#include "components/services/json/problem_json.h"
 #include "components/services/reaction_service.h"
 #include "models/foundation/support/text.h"
 #include "models/optimisation/reactionless/reactionless.h"
@@ -49,6 +51,12 @@ robot::RobotModel floating(const Robot& robot, Reader& r) {
     throw RequestError(r.pointer("base"), "is missing, and the robot's base '" + model.base.name + "' cannot float: " + why +
                                               "; expected its mass_kg, com_m and inertia_kg_m2");
   return model;
+}
+
+void refuse_passive(const robot::RobotModel& model) {
+  for (const robot::Joint& joint : model.joints)
+    if (joint.passive)
+      throw RequestError("/robot", "has the passive joint " + joint.name + ", expected a motor at every joint");
 }
 
 Json array_of(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
@@ -186,9 +194,7 @@ Json answer_reactionless(const Robot& robot, Reader& r, const Context& context) 
         throw RequestError(r.pointer(units.name(name, 0).c_str()) + "/" + std::to_string(j),
                            "is " + text::to_text((*q)[j]) + ", expected " + text::to_text(p.q_min[j]) + " to " +
                                text::to_text(p.q_max[j]) + " for joint " + model.joints[j].name);
-  for (const robot::Joint& joint : model.joints)
-    if (joint.passive)
-      throw RequestError("/robot", "has the passive joint " + joint.name + ", expected a motor at every joint");
+  refuse_passive(model);
   if (!r.finish(context)) return {};
 
   optimisation::ReactionlessMotion motion(p, search, context.threads);
@@ -253,6 +259,76 @@ Json answer_reactionless(const Robot& robot, Reader& r, const Context& context) 
   if (found.drift)
     notes.emplace_back("the robot has momentum: its base moves as drift tells, and the goal is where it would be without it");
   add_notes(reply, notes);
+  return reply;
+}
+
+Json answer_grow_reactionless(const Robot& robot, Reader& r, const Context& context) {
+  const MoveRequest m = read_goal(robot, r, context, {.wrench = false, .intervals = false, .start = false}, false);
+  const Detail detail = read_detail(r);
+  optimisation::ReactionlessProblem p;
+  p.robot = robot::loaded(floating(robot, r), m.loads, 0);
+  p.frame = read_frame(robot, r, "with the constraint base: of the URDF; without it the end effector");
+  const auto [motions, seed] = read_draws(r);
+  if (r.describes()) return {};
+  const JointUnits units(robot.model);
+  if (m.from_q.empty()) throw RequestError(r.pointer(units.name("from_q", 0).c_str()), "is missing, expected a posture");
+  if (!m.to_q.empty())
+    throw RequestError(r.pointer(units.name("to_q", 0).c_str()),
+                       "is given with the constraint base, whose motions end anywhere");
+  const optimisation::Bounds bounds = optimisation::bounds_of(p.robot, m.bounds);
+  p.q_from = m.from_q;
+  p.q_min = bounds.q_min;
+  p.q_max = bounds.q_max;
+  p.dq_max = bounds.dq;
+  p.ddq_max = bounds.ddq;
+  p.dddq_max = bounds.dddq;
+  refuse_passive(p.robot);
+  if (!r.finish(context)) return {};
+
+  const std::size_t n = p.robot.joints.size();
+  if (context.rows) {
+    std::vector<std::string> names{"number", "feasible", "T", "x_m", "y_m", "z_m", "q_w", "q_x", "q_y", "q_z"};
+    for (std::size_t j = 1; j <= n; ++j) names.push_back("q_to[" + std::to_string(j) + "]");
+    context.rows->begin(names, motions);
+  }
+  const robot::PoseTarget start = pose_at(p.robot, p.frame, m.from_q, m.from_q);
+  optimisation::Distribution time, distance;
+  std::vector<std::uint32_t> forbidden(n);
+  Eigen::Vector3d least = start.p, most = start.p;
+  const auto progress = percent_of(context, motions);
+  const auto visit = [&](const optimisation::ReactionlessGrown& one) {
+    const bool feasible = one.beyond <= 0;
+    if (feasible) {
+      time.add(one.T);
+      distance.add((one.pose.p - start.p).norm());
+      least = least.cwiseMin(one.pose.p);
+      most = most.cwiseMax(one.pose.p);
+    } else {
+      ++forbidden[one.joint];
+    }
+    if (context.rows) {
+      const Eigen::Vector3d& x = one.pose.p;
+      const Eigen::Quaterniond& Q = one.pose.Q;
+      std::vector<double> row{double(one.number), feasible ? 1.0 : 0.0, one.T, x.x(), x.y(), x.z(), Q.w(), Q.x(), Q.y(), Q.z()};
+      row.insert(row.end(), one.q.begin(), one.q.end());
+      context.rows->row(row);
+    }
+    if (progress) progress(one.number + 1);
+  };
+  try {
+    optimisation::grow_reactionless(p, motions, seed, context.threads, visit);
+  } catch (const optimisation::NoReactionlessMotion& e) {
+    throw RequestError("/constraint", std::string("is base, but ") + e.what());
+  }
+  Json reply{{"feasible", time.count() > 0}, {"reason", ""}, {"motions", motions}, {"feasible_motions", time.count()}};
+  reply["forbidden"] = forbidden_json(p.robot, forbidden, motions);
+  if (time.count() == 0)
+    reply["reason"] = "none of " + std::to_string(motions) + " motions keeps the joints within their limits";
+  reply["costs"] = {{"time_s", distribution_json(time, detail)}, {"distance_m", distribution_json(distance, detail)}};
+  reply["ends"] = {{"least_m", array_of(least)}, {"most_m", array_of(most)}};
+  add_notes(reply, m.notes);
+  add_notes(reply,
+            {"time_s is the shortest duration within the bounds of speed, acceleration and jerk; torques are not looked at"});
   return reply;
 }
 
