@@ -12,7 +12,7 @@ const cotwin = join(root, 'build/release/bin/cotwin');
 const folder = mkdtempSync(join(tmpdir(), 'cotwin_pictures_'));
 const kReady = "document.readyState === 'complete'"; // of pages without a script
 
-// cues: keys; t: time that is shown, s; report: heading of the report that is shown; only3d: without the panels, since the picture is small; closer: share of the distance that the camera moves on; from, to: the camera, and what it looks at
+// cues: keys; t: time that is shown, s; report: heading of the report that is shown; file: in the results, in place of a page; only3d: without the panels, since the picture is small; closer: share of the distance that the camera moves on; from, to: the camera, and what it looks at
 const pictures = [
   { name: 'view', scenario: '02_free_motion_lwr4/twin.ssd', cues: 'tm', t: 4, size: [1180, 700] },
   { name: 'peg', scenario: '04_peg_in_hole/twin.ssd', cues: 'gt', t: 24.5, only3d: true, closer: 0.15 },
@@ -27,6 +27,7 @@ const pictures = [
   { name: 'insertion', script: '24_satellite_servicing/run.sh', results: ['run'], cues: 'g', t: 13.8, only3d: true, from: [1.4, -1.2, 1.5], to: [0.5, -0.1, 0.75] },
   { name: 'corrected', script: '24_satellite_servicing/run.sh', results: ['corrected'], cues: 't', t: 4.15, only3d: true, closer: 0.35 },
   { name: 'refused', scenario: '12_mes/refused.ssd', cues: 'xt', t: 1.065, only3d: true, closer: 0.35 },
+  { name: 'map', script: '28_map/run.sh', file: 'map.svg', size: [760, 340] },
   { name: 'mes', script: '12_mes/run.sh', results: ['quintic', 'cheaper'], report: 'against' },
   { name: 'report', scenario: '02_free_motion_lwr4/twin.ssd', report: 'Residuals' },
   { name: 'live', scenario: '10_cooperation/guidance.ssd', live: true, cues: 'gch', t: 6, size: [1180, 760] },
@@ -65,9 +66,9 @@ async function take(picture) {
       run(join(root, 'examples', picture.script), [], { env: { ...process.env, COTWIN: cotwin, OUT: folder } });
       ({ results } = picture);
     } else run(cotwin, ['run', join(root, 'examples', picture.scenario), '--out', picture.name, '--quiet']);
-    const page = join(folder, `${picture.name}.html`);
-    if (!picture.live) run(cotwin, [picture.report ? 'report' : 'view', ...results, ...(picture.report ? [] : ['--no-open']), '-o', page]);
-    await browser.open(live?.url ?? pathToFileURL(page).href, picture.report ? kReady : undefined);
+    const page = join(folder, picture.file ?? `${picture.name}.html`);
+    if (!picture.live && !picture.file) run(cotwin, [picture.report ? 'report' : 'view', ...results, ...(picture.report ? [] : ['--no-open']), '-o', page]);
+    await browser.open(live?.url ?? pathToFileURL(page).href, picture.report || picture.file ? kReady : undefined);
     for (const key of picture.cues ?? '') await browser.key(key);
     if (picture.live) await browser.until(`cotwin.time >= ${picture.t}`);
     else if (picture.t !== undefined) await browser.evaluate(`cotwin.seek(${picture.t})`);

@@ -24,7 +24,8 @@ double number_of(const Json& value) {
 
 std::string table_of(const Json& goals) {
   std::vector<std::string> names;
-  for (const auto& [name, unused] : goals.items()) names.push_back(name);
+  for (const auto& [name, unused] : goals.items())
+    if (!name.starts_with("q")) names.push_back(name);  // postures are in the reply
   std::ostringstream text;
   csv::Writer writer(text, names);
   for (std::size_t k = 0; k < goals["feasible_share"].size(); ++k) {
@@ -57,11 +58,18 @@ std::vector<Axis> axes_of(const Json& goals, const std::string& place) {
   return axes;
 }
 
+/// "least energy [J]" of "energy_J".
+std::string title_of(const std::string& cost) {
+  const std::size_t at = cost.rfind('_');
+  const std::string unit = cost.substr(at + 1);
+  return "least " + (unit == "s" || unit == "J" ? cost.substr(0, at) + " [" + unit + "]" : cost);
+}
+
 std::string picture_of(const Json& goals, const std::string& place) {
   const std::vector<Axis> axes = axes_of(goals, place);
   std::vector<std::string> costs;
   for (const auto& [name, unused] : goals.items())
-    if (!name.ends_with("_m") && name != "reached" && name != "feasible_share") costs.push_back(name);
+    if (!name.ends_with("_m") && !name.starts_with("q") && name != "reached" && name != "feasible_share") costs.push_back(name);
   const std::size_t columns = std::min<std::size_t>(costs.size(), 3), rows = (costs.size() + columns - 1) / columns;
   std::string script = "set encoding utf8\nset terminal svg noenhanced size " + std::to_string(380 * columns) + "," +
                        std::to_string(340 * rows) + " font 'Arial,11' background rgb 'white'\nset multiplot layout " +
@@ -84,7 +92,7 @@ std::string picture_of(const Json& goals, const std::string& place) {
         others += at + "\n";
     }
     const std::string box = "(" + text::to_text(axes[0].step / 2) + "):(" + text::to_text(axes[1].step / 2) + ")";
-    script += "set title " + Gnuplot::quoted("least " + cost) + "\n$found << EOD\n" + found + "EOD\n$others << EOD\n" + others +
+    script += "set title " + Gnuplot::quoted(title_of(cost)) + "\n$found << EOD\n" + found + "EOD\n$others << EOD\n" + others +
               "EOD\nplot ";
     if (!others.empty())
       script += "$others using 1:2:" + box + " with boxxyerror fillstyle solid noborder linecolor rgb '#c8c8c8'";

@@ -39,6 +39,13 @@ class Ask(Case):
         with self.assertRaisesRegex(ZeroDivisionError, "of this test"):
             cotwin.ask(request, progress=raises)
 
+    def test_grows_motions_between_arrays(self):
+        request = {"service": "grow", "from_q_rad": Q0, "to_postures": [{"q_rad": Q1}, {"q_rad": 0.5 * Q1}], "T_min_s": 2.0, "T_max_s": 4.0}
+        reply = cotwin.ask({**request, "motions": 2000}, threads=2)
+        self.assertEqual(reply["motions"], 2000)
+        self.assertEqual(len(reply["goals"]["time_s"]), 2)
+        self.assertEqual(reply, cotwin.ask({**request, "motions": 2000}))
+
     def test_verification_runs_the_twin(self):
         reply = cotwin.ask({"service": "verify", "from_q_rad": Q0, "to_q_rad": Q0 + 0.2, "T_s": 1.0})
         self.assertTrue(reply["feasible"])

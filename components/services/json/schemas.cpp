@@ -277,7 +277,9 @@ const std::pair<const char*, Json (*)()> kReplies[] = {
                        .may("best", motions));
        Object distributions, goals;
        for (const char* axis : {"x_m", "y_m", "z_m"}) goals.may(axis, kNumbers);
-       goals.may("reached", array_of(kBoolean)).must("feasible_share", numbers_or_null);
+       const Json postures = array_of({{"type", {"array", "null"}}, {"items", kNumber}});
+       goals.may("reached", array_of(kBoolean)).may("q_rad", postures).may("q", postures);
+       goals.must("feasible_share", numbers_or_null);
        for (const char* name : kCosts) {
          distributions.may(name, described(distribution, "of feasible motions; null: none is"));
          goals.may(name, described(numbers_or_null, "least that was drawn; null: no motion is feasible"));

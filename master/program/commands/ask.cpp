@@ -35,8 +35,8 @@ struct AskArguments {
   std::vector<double> from, to;
   std::string angle_unit = "rad";
   std::optional<double> T;
-  std::vector<fs::path> files, robots;
-  std::optional<fs::path> motion, particles, series, rows, map;
+  std::vector<fs::path> files, robots, maps;
+  std::optional<fs::path> motion, particles, series, rows;
   int threads = 0;
   bool worker = false, list_robots = false, robot_given = false;
 };
@@ -178,10 +178,10 @@ int ask_one(const AskArguments& a, services::Robots& robots, services::Context c
   if (a.threads != 0 && a.service != "optimise" && !reactionless && !grow)
     throw Error("--threads", "is given for the service " + a.service +
                                  ", which uses one thread, expected it with optimise, reactionless or grow");
-  for (const auto& [option, file] : {std::pair{"--rows", &a.rows}, {"--map", &a.map}})
-    if (*file && !grow) throw Error(option, "is given for the service " + a.service + ", expected it with grow");
-  if (a.map) report::check_map_file(*a.map);
-  if (a.map && request.value("detail", "") == "verdict")
+  for (const auto& [option, given] : {std::pair{"--rows", a.rows.has_value()}, {"--map", !a.maps.empty()}})
+    if (given && !grow) throw Error(option, "is given for the service " + a.service + ", expected it with grow");
+  for (const fs::path& map : a.maps) report::check_map_file(map);
+  if (!a.maps.empty() && request.value("detail", "") == "verdict")
     throw Error("--map", "is given with the detail verdict, which tells no goals, expected another one");
   std::optional<RowFile> rows;
   if (a.rows) context.rows = &rows.emplace(*a.rows);
@@ -210,7 +210,7 @@ int ask_one(const AskArguments& a, services::Robots& robots, services::Context c
     if (detail == "verdict") reply.erase("joints");
   }
   std::cout << reply.dump(2) << "\n";
-  if (a.map) report::write_map(*a.map, reply);
+  for (const fs::path& map : a.maps) report::write_map(map, reply);
   return kExitDone;
 }
 
@@ -249,7 +249,7 @@ void refuse_others(const AskArguments& a, const std::string& chosen, const std::
                                                 {"--motion", !!a.motion},
                                                 {"--particles", !!a.particles},
                                                 {"--rows", !!a.rows},
-                                                {"--map", !!a.map},
+                                                {"--map", !a.maps.empty()},
                                                 {"--series", !!a.series},
                                                 {"--q-columns", !a.q_columns.empty()},
                                                 {"--file", !a.files.empty()},
@@ -354,7 +354,10 @@ void add_ask(CLI::App& app, Chosen& chosen) {
   command->add_option("--particles", a.particles, "Write all motions that optimise tries as a table (CSV)")->type_name("FILE");
   command->add_option("--rows", a.rows, "Write all motions that grow draws as a table: .csv, or .npy for NumPy")
       ->type_name("FILE");
-  command->add_option("--map", a.map, "Write what grow finds of each goal: .csv, or .svg for the picture of a grid")
+  command
+      ->add_option("--map", a.maps,
+                   "Write what grow finds of each goal: .csv, or .svg for the picture of a grid; may be repeated")
+      ->allow_extra_args(false)
       ->type_name("FILE");
   command->add_option("--file", a.files, "Files with requests in JSON: one, an array, or robots and tasks (docs/services.md)")
       ->type_name("FILE");

@@ -2,8 +2,11 @@
 #include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <filesystem>
+#include <fstream>
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <sstream>
@@ -431,6 +434,104 @@ TEST(AskCommand, RunsTheExampleOfTheCheaperMotion) {
   for (const auto& [name, unused] : answer["verification"].items())
     EXPECT_TRUE(reply_schema["properties"]["verification"]["properties"].contains(name)) << name;
   EXPECT_TRUE(fs::exists(fs::path(out) / "twins/signals.csv"));
+}
+
+json reply_of(const std::vector<std::string>& options) {
+  const auto run = run_program(options);
+  EXPECT_EQ(run.code, 0) << run.err;
+  return json::parse(run.out);
+}
+
+// The figures of the example with fewer motions: what is reached, and times near those of the quintic to the same posture.
+TEST(AskCommand, RunsTheExampleOfTheMap) {
+  const cotwin::testing::TemporaryFolder folder("map");
+  std::string script = cotwin::testing::content(fs::path(cotwin::places::source()) / "examples/28_map/run.sh");
+  const std::string common = fs::path(cotwin::places::source()) / "examples/common.sh";
+  for (const auto& [from, to] : {std::pair<std::string, std::string>{"2883000", "192200, \"detail\": \"all\""},
+                                 {"$here/../common.sh", common},
+                                 {"[31, 31, 1]", "[31, 5, 1]"},
+                                 {"-0.75, -0.75,", "-0.75, -0.1,"},
+                                 {"0.75, 0.75,", "0.75, 0.1,"}}) {
+    ASSERT_NE(script.find(from), std::string::npos) << from;
+    script.replace(script.find(from), from.size(), to);
+  }
+  std::ofstream(folder / "run.sh") << script;
+  const auto run = cotwin::testing::run_command(
+      {"/bin/sh", folder / "run.sh"},
+      {.folder = folder.path(),
+       .environment = {"PATH=/usr/bin:/bin", "COTWIN=" + cotwin::places::program(), "OUT=" + folder.path().string()},
+       .only_this_environment = true,
+       .merge = true});
+  ASSERT_EQ(run.code, 0) << run.out;
+  const json answer = json::parse(cotwin::testing::content(folder / "answer.json")), goals = answer["goals"];
+  ASSERT_EQ(goals["reached"].size(), 155u);
+  EXPECT_NEAR(static_cast<double>(std::ranges::count(goals["reached"], json(true))), 90, 4)
+      << "a posture at a limit may be missed";
+  int compared = 0;
+  for (std::size_t k = 0; k < 155; k += 13) {
+    if (goals["time_s"][k].is_null()) continue;
+    const std::string to = goals["q_rad"][k].dump();
+    const json quintic =
+        reply_of({"ask", "cycle_time", "--from", "0,0.6,0,-1.7,0,0.84,0", "--to", to.substr(1, to.size() - 2)});
+    const double ratio = goals["time_s"][k].get<double>() / quintic["T_s"].get<double>();
+    EXPECT_GT(ratio, 0.7) << k;
+    EXPECT_LT(ratio, 1.2) << k;
+    ++compared;
+  }
+  EXPECT_GE(compared, 5);
+  const std::string table = cotwin::testing::content(folder / "map.csv"),
+                    picture = cotwin::testing::content(folder / "map.svg");
+  EXPECT_EQ(table.substr(0, table.find('\n')), "x_m,y_m,z_m,reached,feasible_share,time_s,energy_J");
+  EXPECT_EQ(std::ranges::count(table, '\n'), 156);
+  EXPECT_THAT(picture, AllOf(HasSubstr("least time [s]"), HasSubstr("least energy [J]"), HasSubstr("</svg>")));
+}
+
+// NumPy's format 1.0: magic, version, length of the header, a dictionary, then records.
+TEST(AskCommand, WritesTheMotionsThatItGrows) {
+  const cotwin::testing::TemporaryFolder folder("rows");
+  const auto grow = [&](const std::string& file, const std::string& more = "") {
+    return run_program({"ask", "grow", "--robot", "planar2", "--from", "0,0.3", "--to", "1,-0.4", "--with",
+                        R"({"T_min_s":1,"T_max_s":3,"motions":50,"degree":6)" + more + "}", "--rows", folder / file});
+  };
+  ASSERT_EQ(grow("rows.csv").code, 0);
+  ASSERT_EQ(grow("rows.npy").code, 0);
+  const std::string table = cotwin::testing::content(folder / "rows.csv"),
+                    records = cotwin::testing::content(folder / "rows.npy");
+  std::istringstream lines(table);
+  std::string names, line;
+  std::getline(lines, names);
+  const auto columns = static_cast<std::size_t>(std::ranges::count(names, ',') + 1);
+  ASSERT_EQ(records.substr(0, 8), std::string("\x93NUMPY\x01\0", 8));
+  const std::size_t size = static_cast<unsigned char>(records[8]) + 256u * static_cast<unsigned char>(records[9]);
+  EXPECT_EQ((10 + size) % 64, 0u);
+  const std::string header = records.substr(10, size);
+  EXPECT_THAT(header, AllOf(HasSubstr("{'descr': [('number', '<f8'), "), HasSubstr("('c_r[2;1]', '<f8'), ]"),
+                            HasSubstr("'fortran_order': False, 'shape': (50,)}")));
+  ASSERT_EQ(records.size(), 10 + size + 50 * columns * 8);
+  for (std::size_t row = 0; row < 50; ++row) {
+    ASSERT_TRUE(std::getline(lines, line));
+    for (std::size_t column = 0; column < columns; ++column) {
+      double value = 0;
+      std::memcpy(&value, records.data() + 10 + size + (row * columns + column) * 8, 8);
+      const std::size_t end = line.find(',');
+      const double text = std::stod(line.substr(0, end));
+      EXPECT_TRUE(value == text || (std::isnan(value) && std::isnan(text))) << row << " " << column;
+      line.erase(0, end == std::string::npos ? end : end + 1);
+    }
+  }
+  const auto wrong = grow("rows.txt");
+  EXPECT_NE(wrong.code, 0);
+  EXPECT_THAT(wrong.err, HasSubstr("has the suffix '.txt', expected .csv or .npy"));
+  EXPECT_FALSE(fs::exists(folder / "rows.txt"));
+  const auto refused = grow("kept.csv", R"(,"T_s":1)");
+  EXPECT_NE(refused.code, 0);
+  EXPECT_FALSE(fs::exists(folder / "kept.csv")) << "nothing is half written";
+  const auto picture = run_program({"ask", "grow", "--from", "0,0,0,0,0,0,0", "--to", "0.1,0,0,0,0,0,0", "--with",
+                                    R"({"T_min_s":1,"motions":5})", "--map", folder / "map.svg"});
+  EXPECT_NE(picture.code, 0);
+  EXPECT_THAT(picture.err, HasSubstr("the request has only one, expected to_grid or to_postures"));
+  EXPECT_THAT(run_program({"ask", "jerk", "--map", "map.svg", "--from", "0,0,0,0,0,0,0", "--to", "0.1,0,0,0,0,0,0"}).err,
+              HasSubstr("--map: is given for the service jerk, expected it with grow"));
 }
 
 cotwin::services::Verification twin_of(const cotwin::services::Robot& robot, const cotwin::services::Move& move, double T) {

@@ -133,7 +133,7 @@ void read_grid(const Robot& robot, Reader& r, Grid& grid) {
 
 /// The postures that reach the grid's places within the bounds, each the closest to `reference` that is found.
 PostureSet goals_of(Grid& grid, const Problem& p, const std::vector<double>& reference, numerics::Threads* threads) {
-  constexpr int kStarts = 16;
+  constexpr int kStarts = 128;
   robot::RobotModel bounded = p.robot;
   for (std::size_t j = 0; j < bounded.joints.size(); ++j) {
     bounded.joints[j].q_min = p.bounds.q_min[j];
@@ -190,22 +190,24 @@ Json motions_json(const Robot& robot, const Problem& p, const std::vector<Partic
   return all;
 }
 
-/// Of each goal, arrays: its place, whether it is reached, the share of its motions that is feasible, and the least of each cost.
-Json goals_json(const Problem& p, const optimisation::Harvest& h, const Grid& grid) {
+/// Of each goal, arrays: its place, whether it is reached, its posture, the share of its motions that is feasible, the least of each cost.
+Json goals_json(const Robot& robot, const Problem& p, const PostureSet& to, const optimisation::Harvest& h, const Grid& grid,
+                Detail detail) {
   Json all;
-  const std::size_t count = grid.places.empty() ? h.goals.size() : grid.places.size();
+  const std::size_t none = to.list.size(), count = grid.places.empty() ? none : grid.places.size();
   for (std::size_t k = 0; k < count; ++k) {
     std::size_t goal = k;
     if (!grid.places.empty()) {
       for (int i = 0; i < 3; ++i) all[std::string{"xyz"[i]} + "_m"].push_back(grid.places[k].p[i]);
       all["reached"].push_back(grid.goal_at[k] >= 0);
-      goal = grid.goal_at[k] < 0 ? h.goals.size() : static_cast<std::size_t>(grid.goal_at[k]);
+      goal = grid.goal_at[k] < 0 ? none : static_cast<std::size_t>(grid.goal_at[k]);
     }
+    if (detail == Detail::kAll)
+      all[JointUnits(robot.model).name("q", 0)].push_back(goal < none ? Json(to.list[goal]) : Json(nullptr));
     // Motions take the goals in turn.
-    const bool tried = goal < h.goals.size() && goal < h.motions;
-    const std::size_t motions = tried ? (h.motions - goal - 1) / h.goals.size() + 1 : 0;
-    all["feasible_share"].push_back(tried ? Json(static_cast<double>(h.goals[goal].feasible) / static_cast<double>(motions))
-                                          : Json(nullptr));
+    const bool tried = goal < none && goal < h.motions;
+    const double motions = tried ? static_cast<double>((h.motions - goal - 1) / none + 1) : 0;
+    all["feasible_share"].push_back(tried ? Json(h.goals[goal].feasible / motions) : Json(nullptr));
     for (std::size_t term = 0; term < p.costs.size(); ++term) {
       const bool some = tried && h.goals[goal].feasible > 0;
       all[unit_of(p.costs[term].quantity)].push_back(some ? Json(h.goals[goal].least[term]) : Json(nullptr));
@@ -348,7 +350,7 @@ Json answer_grow(const Robot& robot, Reader& r, const Context& context) {
   }
   if (detail >= Detail::kMargins) {
     if (p.costs.size() > 1) reply["front"] = motions_json(robot, p, h.front);
-    if (!grid.places.empty() || h.goals.size() > 1) reply["goals"] = goals_json(p, h, grid);
+    if (!grid.places.empty() || h.goals.size() > 1) reply["goals"] = goals_json(robot, p, o.to, h, grid, detail);
   }
   add_notes(reply, notes);
   return reply;
