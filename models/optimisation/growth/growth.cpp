@@ -156,6 +156,8 @@ Round::Particle grown(const Problem& problem, const GrowthOptions& options, std:
 
 Harvest grow(const Problem& problem, const GrowthOptions& o, numerics::Threads* threads) {
   check(problem, o);
+  numerics::Threads alone(1);
+  if (!threads) threads = &alone;
   const Evaluator evaluator(problem);
   const std::size_t n = evaluator.joints(), terms = problem.costs.size();
   Harvest h;
@@ -177,12 +179,6 @@ Harvest grow(const Problem& problem, const GrowthOptions& o, numerics::Threads* 
     s.values = evaluator.values();
   }
 
-  const auto run = [&](std::size_t blocks, const std::function<void(std::size_t)>& work) {
-    if (threads)
-      threads->run(blocks, work);
-    else
-      for (std::size_t block = 0; block < blocks; ++block) work(block);
-  };
   std::uint32_t first = 0;  // of the batch
   const auto evaluate = [&](std::size_t slot) {
     Slot& s = slots[slot];
@@ -243,7 +239,7 @@ Harvest grow(const Problem& problem, const GrowthOptions& o, numerics::Threads* 
   while (first < o.motions) {
     const std::size_t count = std::min<std::size_t>(kSlots * kPerSlot, o.motions - first);
     const std::size_t used = (count + kPerSlot - 1) / kPerSlot;
-    run(used, evaluate);
+    threads->run(used, evaluate);
     Round round;
     for (std::size_t i = 0; i < count; ++i) {
       const Slot& s = slots[i / kPerSlot];
@@ -264,7 +260,7 @@ Harvest grow(const Problem& problem, const GrowthOptions& o, numerics::Threads* 
 
   const auto assessed = [&](const std::vector<std::uint32_t>& numbers) {
     std::vector<std::optional<Round::Particle>> all(numbers.size());
-    run(numbers.size(), [&](std::size_t k) {
+    threads->run(numbers.size(), [&](std::size_t k) {
       Round::Particle p = grown(problem, o, numbers[k]);
       Problem exact = problem;
       exact.samples = std::max(exact.samples, Problem().samples);

@@ -9,6 +9,8 @@ namespace cotwin::optimisation {
 void grow_reactionless(const ReactionlessProblem& p, std::uint32_t motions, std::uint64_t seed, numerics::Threads* threads,
                        const std::function<void(const ReactionlessGrown&)>& visit) {
   using Eigen::Index;
+  numerics::Threads alone(1);
+  if (!threads) threads = &alone;
   constexpr std::uint32_t kWorkers = 16, kBatch = 512;
   std::vector<std::unique_ptr<Integrator>> integrators;
   for (std::uint32_t k = 0; k < std::min(kWorkers, motions); ++k) integrators.push_back(std::make_unique<Integrator>(p));
@@ -47,10 +49,7 @@ void grow_reactionless(const ReactionlessProblem& p, std::uint32_t motions, std:
         });
       }
     };
-    if (threads)
-      threads->run(integrators.size(), evaluate);
-    else
-      for (std::size_t worker = 0; worker < integrators.size(); ++worker) evaluate(worker);
+    threads->run(integrators.size(), evaluate);
     for (std::uint32_t k = 0; k < count; ++k) visit(batch[k]);
     first += count;
   }

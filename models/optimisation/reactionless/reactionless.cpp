@@ -31,7 +31,7 @@ constexpr double kRateShare = 0.97, kJerkShare = 0.9;
 
 struct ReactionlessMotion::Impl {
   Impl(const ReactionlessProblem& problem, const ReactionlessOptions& o, numerics::Threads* t)
-      : p(problem), options(o), threads(t), n(p.robot.n()), coarse(table_of(kSteps)) {
+      : p(problem), options(o), threads(t ? t : &alone), n(p.robot.n()), coarse(table_of(kSteps)) {
     for (const auto* x : {&p.q_from, &p.q_min, &p.q_max, &p.dq_max, &p.ddq_max, &p.dddq_max, &p.q_to}) {
       const bool pose = x == &p.q_to && x->empty();
       if (!pose && x->size() != p.robot.joints.size())
@@ -61,7 +61,7 @@ struct ReactionlessMotion::Impl {
   std::vector<VectorXd> nearest_grown() const {
     constexpr std::size_t kGrown = 2048, kKept = 6;
     std::vector<std::pair<double, std::uint32_t>> all(kGrown);
-    run(integrators.size(), [&](std::size_t worker) {
+    threads->run(integrators.size(), [&](std::size_t worker) {
       VectorXd r;
       for (std::size_t k = worker; k < kGrown; k += integrators.size()) {
         const auto number = static_cast<std::uint32_t>(k);
@@ -74,13 +74,6 @@ struct ReactionlessMotion::Impl {
     for (std::size_t k = 0; k < kKept; ++k) nearest.push_back(drawn(columns, options.seed, all[k].second));
     return nearest;
   }
-  void run(std::size_t blocks, const std::function<void(std::size_t)>& work) const {
-    if (threads)
-      threads->run(blocks, work);
-    else
-      for (std::size_t block = 0; block < blocks; ++block) work(block);
-  }
-
   /// Searches c; true if the motion reaches the goal within the limits.
   bool search() {
     const auto size = static_cast<std::size_t>(columns * kTerms);
@@ -171,7 +164,7 @@ struct ReactionlessMotion::Impl {
         shifted[j] = x[j];
       }
     };
-    run(integrators.size(), columns_of);
+    threads->run(integrators.size(), columns_of);
     return J;
   }
 
@@ -247,6 +240,7 @@ struct ReactionlessMotion::Impl {
 
   ReactionlessProblem p;
   ReactionlessOptions options;
+  numerics::Threads alone{1};
   numerics::Threads* threads;
   Index n, goals = 0, columns = 0;
   bool turns = false, within = false;

@@ -132,27 +132,30 @@ void read_grid(const Robot& robot, Reader& r, Grid& grid) {
 }
 
 /// The postures that reach the grid's places within the bounds, each the closest to `reference` that is found.
-PostureSet goals_of(Grid& grid, const Problem& p, const std::vector<double>& reference, numerics::Threads* threads) {
-  constexpr int kStarts = 128;
+PostureSet goals_of(Grid& grid, const Problem& p, const std::vector<double>& reference, const Context& context) {
+  constexpr std::size_t kBatch = 64;
   robot::RobotModel bounded = p.robot;
   for (std::size_t j = 0; j < bounded.joints.size(); ++j) {
     bounded.joints[j].q_min = p.bounds.q_min[j];
     bounded.joints[j].q_max = p.bounds.q_max[j];
   }
   const Eigen::Map<const Eigen::VectorXd> q(reference.data(), static_cast<Eigen::Index>(reference.size()));
-  std::vector<robot::Posture> found(grid.places.size());
-  const auto solve = [&](std::size_t k) {
-    robot::InverseKinematics kinematics(bounded, grid.goal.frame, grid.goal.directions);
-    found[k] = kinematics.solve(grid.places[k], q, kStarts);
-  };
-  if (threads)
-    threads->run(found.size(), solve);
-  else
-    for (std::size_t k = 0; k < found.size(); ++k) solve(k);
+  numerics::Threads alone(1);
+  numerics::Threads& threads = context.threads ? *context.threads : alone;
   PostureSet set;
-  for (const robot::Posture& posture : found) {
-    grid.goal_at.push_back(posture.reached ? static_cast<int>(set.list.size()) : -1);
-    if (posture.reached) set.list.emplace_back(posture.q.begin(), posture.q.end());
+  for (std::size_t first = 0; first < grid.places.size(); first += kBatch) {
+    std::vector<robot::Posture> found(std::min(kBatch, grid.places.size() - first));
+    threads.run(found.size(), [&](std::size_t k) {
+      robot::InverseKinematics kinematics(bounded, grid.goal.frame, grid.goal.directions);
+      found[k] = kinematics.solve(grid.places[first + k], q);
+    });
+    for (const robot::Posture& posture : found) {
+      grid.goal_at.push_back(posture.reached ? static_cast<int>(set.list.size()) : -1);
+      if (posture.reached) set.list.emplace_back(posture.q.begin(), posture.q.end());
+    }
+    if (context.progress)
+      context.progress(0,
+                       "posture of place " + std::to_string(grid.goal_at.size()) + " of " + std::to_string(grid.places.size()));
   }
   return set;
 }
@@ -313,7 +316,7 @@ Json answer_grow(const Robot& robot, Reader& r, const Context& context) {
   optimisation::check(p);
   if (!r.finish(context)) return {};
 
-  if (!grid.places.empty()) to = goals_of(grid, p, start, context.threads);
+  if (!grid.places.empty()) to = goals_of(grid, p, start, context);
   const bool none = !grid.places.empty() && to->list.empty();
   if (none) o.motions = 0;
   std::optional<Rows> rows;
