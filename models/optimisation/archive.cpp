@@ -19,16 +19,14 @@ bool no_worse(std::span<const double> a, std::span<const double> b) {
 /// distance, Deb et al. 2002).
 std::size_t most_crowded(const std::vector<Round::Particle>& members) {
   std::vector<double> room(members.size(), 0.0);
-  std::vector<std::size_t> order(members.size());
+  std::vector<std::pair<double, std::size_t>> order(members.size());
   for (std::size_t i = 0; i < members.front().costs.size(); ++i) {
-    for (std::size_t k = 0; k < order.size(); ++k) order[k] = k;
-    std::sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
-      return members[a].costs[i] != members[b].costs[i] ? members[a].costs[i] < members[b].costs[i] : a < b;
-    });
-    const double range = members[order.back()].costs[i] - members[order.front()].costs[i];
-    room[order.front()] = room[order.back()] = std::numeric_limits<double>::infinity();
+    for (std::size_t k = 0; k < order.size(); ++k) order[k] = {members[k].costs[i], k};
+    if (i > 0) std::ranges::sort(order);  // by the first cost they are in order
+    const double range = order.back().first - order.front().first;
+    room[order.front().second] = room[order.back().second] = std::numeric_limits<double>::infinity();
     for (std::size_t k = 1; k + 1 < order.size(); ++k)
-      if (range > 0) room[order[k]] += (members[order[k + 1]].costs[i] - members[order[k - 1]].costs[i]) / range;
+      if (range > 0) room[order[k].second] += (order[k + 1].first - order[k - 1].first) / range;
   }
   return static_cast<std::size_t>(std::min_element(room.begin(), room.end()) - room.begin());
 }

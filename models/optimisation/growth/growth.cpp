@@ -77,7 +77,7 @@ struct Slot {
   std::unique_ptr<Evaluator::Scratch> scratch;
   Motions motions;
   Values values;
-  std::vector<double> T, kinematic, torque, costs;  // costs: of motion k at [k · terms]
+  std::vector<double> kinematic, torque, costs;  // costs: of motion k at [k · terms]
   std::vector<Values::Excess> worst;
   std::vector<char> promising;  // may belong to the front
 };
@@ -182,7 +182,7 @@ Harvest grow(const Problem& problem, const GrowthOptions& o, numerics::Threads* 
   std::uint32_t first = 0;  // of the batch
   const auto evaluate = [&](std::size_t slot) {
     Slot& s = slots[slot];
-    for (auto* list : {&s.T, &s.kinematic, &s.torque, &s.costs}) list->clear();
+    for (auto* list : {&s.kinematic, &s.torque, &s.costs}) list->clear();
     s.worst.clear();
     s.promising.clear();
     const std::uint64_t begin = first + slot * kPerSlot, end = std::min<std::uint64_t>(begin + kPerSlot, o.motions);
@@ -196,7 +196,6 @@ Harvest grow(const Problem& problem, const GrowthOptions& o, numerics::Threads* 
             [&](std::size_t i, double x) { s.motions.c[i * kLanes + lane] = x; });
       evaluator.evaluate(s.motions, *s.scratch, s.values);
       for (std::size_t lane = 0; lane < s.motions.count; ++lane) {
-        s.T.push_back(s.motions.T[lane]);
         s.kinematic.push_back(s.values.kinematic[lane]);
         s.torque.push_back(s.values.torque[lane]);
         s.worst.push_back(s.values.worst[lane]);

@@ -56,7 +56,7 @@ class Distribution {
 
 struct Harvest {
   std::uint32_t motions = 0, feasible = 0;
-  /// Motions that are not feasible, by the bound that they exceed most: that of joint j at [d · n + j], d: q, dq, ddq, dddq, tau.
+  /// Motions that are not feasible, by the bound that they exceed most, of those that were looked at: that of joint j at [d · n + j], d: q, dq, ddq, dddq, tau.
   std::vector<std::uint32_t> forbidden;
   std::vector<Distribution> costs;  // of each cost term, of feasible motions, at the samples of the problem
   /// What is possible to a posture of the list `to`.
