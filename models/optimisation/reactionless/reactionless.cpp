@@ -25,7 +25,7 @@ constexpr int kGridCorrections = 10;  // of the coefficients on a finer grid
 constexpr double kGoal = 1e3, kExactGoal = 1e5, kLimit = 0.3, kTurn = 300, kWayTurn = 10;
 constexpr double kMargin = 0.01;  // rad, m
 // Of the bounds of speed and acceleration, and of jerk, since differences of steps are not exact.
-constexpr double kRateShare = 0.97, kJerkShare = 0.9;
+constexpr double kRateShare = 0.92, kJerkShare = 0.85;
 
 }  // namespace
 
@@ -136,7 +136,7 @@ struct ReactionlessMotion::Impl {
         r.segment<3>(goals + 2 * row + 3 * k) = (k == kSteps ? kTurn : kWayTurn * mean) * 2 * (Q.w() < 0 ? -1 : 1) * Q.vec();
       if (k == kSteps) r.head(goals) = goal_weight * i.left(q, Q);
     });
-    if (p.T > 0) r.tail(row) = kLimit * goal_weight * excess(rates).reshaped();
+    if (p.T > 0) r.tail(row) = kLimit * kGoal * excess(rates).reshaped();
     if (!r.allFinite()) r.setConstant(1e9);
   }
 

@@ -289,7 +289,7 @@ TEST(Grow, TellsWhereMotionsThatDoNotTurnTheBaseEnd) {
     const json goal{{"directions", {"x", "y", "z"}},
                     {"p_m", {row[3], row[4], row[5]}},
                     {"quaternion_wxyz", {row[6], row[7], row[8], row[9]}}};
-    const json back = ask(robots, of_satellite("reactionless", {{"to_pose", goal}}));
+    const json back = ask(robots, of_satellite("reactionless", {{"to_pose", goal}, {"particles", 16}, {"rounds", 20}}));
     EXPECT_TRUE(back["reactionless"].get<bool>()) << row[0];
     EXPECT_LT(back["to_go"]["distance_m"].get<double>(), 1e-6);
     EXPECT_LT(back["worst"]["turn"]["turn_rad"].get<double>(), 1e-6);
