@@ -24,8 +24,8 @@ constexpr int kGridCorrections = 10;  // of the coefficients on a finer grid
 // what exceeds a limit of position less a margin, for the swarm and for the last steps; of the base's turn at the end and on the way.
 constexpr double kGoal = 1e3, kExactGoal = 1e5, kLimit = 0.3, kTurn = 300, kWayTurn = 10;
 constexpr double kMargin = 0.01;  // rad, m
-// Of the bounds of speed and acceleration, and of jerk, since differences of steps are not exact.
-constexpr double kRateShare = 0.92, kJerkShare = 0.85;
+// Of the bounds of speed and acceleration, and of jerk, since differences of steps are not exact; by how much they may be exceeded.
+constexpr double kRateShare = 0.92, kJerkShare = 0.85, kRateTolerance = 0.06;
 
 }  // namespace
 
@@ -86,13 +86,15 @@ struct ReactionlessMotion::Impl {
       }
     };
     double best = std::numeric_limits<double>::infinity();
-    const auto reaches = [&](VectorXd x) {
+    const auto reaches = [&](const VectorXd& start) {
+      VectorXd x = start;
       improve(x, kGoal);
       const double found = improve(x, kExactGoal);
       if (!(found < best)) return false;
       best = found;
       c = x;
       (void)sampled(coarse);
+      if (reached() && within) heed_rates(start);
       return reached() && within;
     };
     for (int attempt = 0; attempt < options.attempts; ++attempt) {
@@ -115,14 +117,42 @@ struct ReactionlessMotion::Impl {
           std::string("no motion without reaction was found ") + (reached() ? "within the limits of position" : "to the goal");
     return false;
   }
+  /// In a given time, improves a motion that exceeds bounds of speed, acceleration or jerk, if it can: from itself, and from where its
+  /// search began.
+  void heed_rates(const VectorXd& start) {
+    const auto largest_excess = [&] {
+      MatrixXd rates(n, kSteps + 1);
+      integrators.front()->run(c, coarse,
+                               [&](Index k, const VectorXd&, const VectorXd& dq, const Quaterniond&) { rates.col(k) = dq; });
+      return excess(rates).maxCoeff();
+    };
+    if (p.T == 0) return;
+    VectorXd kept = c;
+    double least = largest_excess();
+    for (const VectorXd& from : {VectorXd(c), start}) {
+      if (least < kRateTolerance) break;
+      c = from;
+      heeds = true;
+      improve(c, kGoal);
+      improve(c, kExactGoal);
+      heeds = false;
+      (void)sampled(coarse);
+      const double found = largest_excess();
+      if (!reached() || !within || !(found < least)) continue;
+      least = found;
+      kept = c;
+    }
+    c = kept;
+    (void)sampled(coarse);
+  }
   bool reached() const { return std::max(distance, angle) <= 1e-6; }
 
   /// All residuals of a motion; the first `goals` are those of the goal.
   void residuals(Integrator& i, const VectorXd& x, double goal_weight, VectorXd& r) const {
     const Index row = n * (kSteps + 1), of_turn = turns ? 3 * (kSteps + 1) : 0;
     const double mean = 1 / std::sqrt(static_cast<double>(kSteps));
-    r.resize(goals + 2 * row + of_turn + (p.T > 0 ? row : 0));
-    MatrixXd rates(n, p.T > 0 ? kSteps + 1 : 0);
+    r.resize(goals + 2 * row + of_turn + (heeds ? row : 0));
+    MatrixXd rates(n, heeds ? kSteps + 1 : 0);
     i.run(x, coarse, [&](Index k, const VectorXd& q, const VectorXd& dq, const Quaterniond& Q) {
       for (Index j = 0; j < n; ++j) {
         const auto joint = static_cast<std::size_t>(j);
@@ -131,12 +161,12 @@ struct ReactionlessMotion::Impl {
             kLimit * goal_weight * std::max({p.q_min[joint] + kMargin - q[j], q[j] - p.q_max[joint] + kMargin, 0.0});
         r[goals + row + k * n + j] = mean * dq[j] / speed;
       }
-      if (p.T > 0) rates.col(k) = dq;
+      if (heeds) rates.col(k) = dq;
       if (turns)
         r.segment<3>(goals + 2 * row + 3 * k) = (k == kSteps ? kTurn : kWayTurn * mean) * 2 * (Q.w() < 0 ? -1 : 1) * Q.vec();
       if (k == kSteps) r.head(goals) = goal_weight * i.left(q, Q);
     });
-    if (p.T > 0) r.tail(row) = kLimit * kGoal * excess(rates).reshaped();
+    if (heeds) r.tail(row) = kLimit * kGoal * excess(rates).reshaped();
     if (!r.allFinite()) r.setConstant(1e9);
   }
 
@@ -243,7 +273,7 @@ struct ReactionlessMotion::Impl {
   numerics::Threads alone{1};
   numerics::Threads* threads;
   Index n, goals = 0, columns = 0;
-  bool turns = false, within = false;
+  bool turns = false, within = false, heeds = false;
   MatrixXd coarse;                                       // table_of(kSteps)
   std::vector<std::unique_ptr<Integrator>> integrators;  // one per block of the swarm
   VectorXd c;

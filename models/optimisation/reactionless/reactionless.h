@@ -30,7 +30,7 @@ struct ReactionlessProblem {
   std::vector<double> dq_max;        // n, rad/s or m/s: speeds are kept low relative to these
   std::vector<double> ddq_max;       // n, rad/s² or m/s²
   std::vector<double> dddq_max;      // n, rad/s³ or m/s³
-  double T = 0;                      // s, in which dq_max, ddq_max and dddq_max have to be kept; 0: any duration
+  double T = 0;                      // s, in which dq_max, ddq_max and dddq_max are to be kept; 0: any duration
 };
 
 struct ReactionlessOptions {
