@@ -32,8 +32,8 @@ void grow_reactionless(const ReactionlessProblem& p, std::uint32_t motions, std:
             drawn(basis->cols(), seed, own.number), phi,
             [&](Index k, const Eigen::VectorXd& q, const Eigen::VectorXd& dq, const Eigen::Quaterniond& Q) {
               rates.col(k) = dq;
-              for (std::size_t j = 0; j < p.q_min.size(); ++j) {
-                const double x = q[static_cast<Index>(j)], beyond = std::max(p.q_min[j] - x, x - p.q_max[j]);
+              for (std::size_t j = 0; j < p.bounds.q_min.size(); ++j) {
+                const double x = q[static_cast<Index>(j)], beyond = std::max(p.bounds.q_min[j] - x, x - p.bounds.q_max[j]);
                 if (beyond <= own.beyond) continue;
                 own.beyond = beyond;
                 own.joint = j;
@@ -44,8 +44,8 @@ void grow_reactionless(const ReactionlessProblem& p, std::uint32_t motions, std:
             });
         each_rate(rates, [&](Index, Index j, double dq, double ddq, double dddq) {
           const auto joint = static_cast<std::size_t>(j);
-          own.T =
-              std::max({own.T, dq / p.dq_max[joint], std::sqrt(ddq / p.ddq_max[joint]), std::cbrt(dddq / p.dddq_max[joint])});
+          own.T = std::max(
+              {own.T, dq / p.bounds.dq[joint], std::sqrt(ddq / p.bounds.ddq[joint]), std::cbrt(dddq / p.bounds.dddq[joint])});
         });
       }
     };

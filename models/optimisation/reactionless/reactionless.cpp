@@ -32,7 +32,7 @@ constexpr double kRateShare = 0.92, kJerkShare = 0.85, kRateTolerance = 0.06;
 struct ReactionlessMotion::Impl {
   Impl(const ReactionlessProblem& problem, const ReactionlessOptions& o, numerics::Threads* t)
       : p(problem), options(o), threads(t ? t : &alone), n(p.robot.n()), coarse(table_of(kSteps)) {
-    for (const auto* x : {&p.q_from, &p.q_min, &p.q_max, &p.dq_max, &p.ddq_max, &p.dddq_max, &p.q_to}) {
+    for (const auto* x : {&p.q_from, &p.bounds.q_min, &p.bounds.q_max, &p.bounds.dq, &p.bounds.ddq, &p.bounds.dddq, &p.q_to}) {
       const bool pose = x == &p.q_to && x->empty();
       if (!pose && x->size() != p.robot.joints.size())
         throw Error("reactionless", "has " + std::to_string(x->size()) + " values for " + std::to_string(n) +
@@ -156,9 +156,9 @@ struct ReactionlessMotion::Impl {
     i.run(x, coarse, [&](Index k, const VectorXd& q, const VectorXd& dq, const Quaterniond& Q) {
       for (Index j = 0; j < n; ++j) {
         const auto joint = static_cast<std::size_t>(j);
-        const double speed = std::isfinite(p.dq_max[joint]) ? p.dq_max[joint] : 1;
-        r[goals + k * n + j] =
-            kLimit * goal_weight * std::max({p.q_min[joint] + kMargin - q[j], q[j] - p.q_max[joint] + kMargin, 0.0});
+        const double speed = std::isfinite(p.bounds.dq[joint]) ? p.bounds.dq[joint] : 1;
+        r[goals + k * n + j] = kLimit * goal_weight *
+                               std::max({p.bounds.q_min[joint] + kMargin - q[j], q[j] - p.bounds.q_max[joint] + kMargin, 0.0});
         r[goals + row + k * n + j] = mean * dq[j] / speed;
       }
       if (heeds) rates.col(k) = dq;
@@ -176,8 +176,8 @@ struct ReactionlessMotion::Impl {
     beyond.setZero();
     each_rate(rates, [&](Index k, Index j, double dq, double ddq, double dddq) {
       const auto joint = static_cast<std::size_t>(j);
-      beyond(j, k) = std::max({dq / p.T / p.dq_max[joint] - kRateShare, ddq / (p.T * p.T) / p.ddq_max[joint] - kRateShare,
-                               dddq / (p.T * p.T * p.T) / p.dddq_max[joint] - kJerkShare, 0.0});
+      beyond(j, k) = std::max({dq / p.T / p.bounds.dq[joint] - kRateShare, ddq / (p.T * p.T) / p.bounds.ddq[joint] - kRateShare,
+                               dddq / (p.T * p.T * p.T) / p.bounds.dddq[joint] - kJerkShare, 0.0});
     });
     return beyond;
   }
@@ -239,9 +239,9 @@ struct ReactionlessMotion::Impl {
       within = true;
       first.run(c, phi, [&](Index k, const VectorXd& at, const VectorXd&, const Quaterniond& Q) {
         q.insert(q.end(), at.begin(), at.end());
-        for (std::size_t j = 0; j < p.q_min.size(); ++j) {
+        for (std::size_t j = 0; j < p.bounds.q_min.size(); ++j) {
           const double x = at[static_cast<Index>(j)];
-          within = within && x >= p.q_min[j] && x <= p.q_max[j];
+          within = within && x >= p.bounds.q_min[j] && x <= p.bounds.q_max[j];
         }
         if (2 * k + 1 == phi.cols()) left = first.left(at, Q);
       });

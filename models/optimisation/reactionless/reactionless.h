@@ -7,6 +7,7 @@
 
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/threads.h"
+#include "models/optimisation/problem.h"
 #include "models/robot/inverse_kinematics.h"
 #include "models/trajectory/series/series.h"
 
@@ -25,12 +26,9 @@ struct ReactionlessProblem {
   std::vector<double> q_to;  // the posture to reach; empty: any that brings `frame` to `target`
   robot::Frame frame;
   robot::TaskDirections directions;
-  robot::PoseTarget target;          // in B0
-  std::vector<double> q_min, q_max;  // n
-  std::vector<double> dq_max;        // n, rad/s or m/s: speeds are kept low relative to these
-  std::vector<double> ddq_max;       // n, rad/s² or m/s²
-  std::vector<double> dddq_max;      // n, rad/s³ or m/s³
-  double T = 0;                      // s, in which dq_max, ddq_max and dddq_max are to be kept; 0: any duration
+  robot::PoseTarget target;  // in B0
+  Bounds bounds;             // n each, without torques: speeds are kept low relative to theirs
+  double T = 0;              // s, in which speed, acceleration and jerk are to keep their bounds; 0: any duration
 };
 
 struct ReactionlessOptions {

@@ -175,11 +175,7 @@ Json answer_reactionless(const Robot& robot, Reader& r, const Context& context) 
   optimisation::ReactionlessProblem p;
   p.robot = model;
   p.q_from = m.from_q;
-  p.q_min = bounds.q_min;
-  p.q_max = bounds.q_max;
-  p.dq_max = bounds.dq;
-  p.ddq_max = bounds.ddq;
-  p.dddq_max = bounds.dddq;
+  p.bounds = bounds;
   p.T = T;
   if (pose) {
     p.frame = pose->frame;
@@ -190,10 +186,10 @@ Json answer_reactionless(const Robot& robot, Reader& r, const Context& context) 
   }
   for (const auto& [name, q] : {std::pair{"from_q", &m.from_q}, {"to_q", &p.q_to}})
     for (std::size_t j = 0; j < q->size(); ++j)
-      if (!((*q)[j] >= p.q_min[j] && (*q)[j] <= p.q_max[j]))
+      if (!((*q)[j] >= bounds.q_min[j] && (*q)[j] <= bounds.q_max[j]))
         throw RequestError(r.pointer(units.name(name, 0).c_str()) + "/" + std::to_string(j),
-                           "is " + text::to_text((*q)[j]) + ", expected " + text::to_text(p.q_min[j]) + " to " +
-                               text::to_text(p.q_max[j]) + " for joint " + model.joints[j].name);
+                           "is " + text::to_text((*q)[j]) + ", expected " + text::to_text(bounds.q_min[j]) + " to " +
+                               text::to_text(bounds.q_max[j]) + " for joint " + model.joints[j].name);
   refuse_passive(model);
   if (!r.finish(context)) return {};
 
@@ -275,13 +271,8 @@ Json answer_grow_reactionless(const Robot& robot, Reader& r, const Context& cont
   if (!m.to_q.empty())
     throw RequestError(r.pointer(units.name("to_q", 0).c_str()),
                        "is given with the constraint base, whose motions end anywhere");
-  const optimisation::Bounds bounds = optimisation::bounds_of(p.robot, m.bounds);
   p.q_from = m.from_q;
-  p.q_min = bounds.q_min;
-  p.q_max = bounds.q_max;
-  p.dq_max = bounds.dq;
-  p.ddq_max = bounds.ddq;
-  p.dddq_max = bounds.dddq;
+  p.bounds = optimisation::bounds_of(p.robot, m.bounds);
   refuse_passive(p.robot);
   if (!r.finish(context)) return {};
 
