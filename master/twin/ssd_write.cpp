@@ -95,7 +95,7 @@ class Writer {
     }
     if (!links_.empty()) {
       Tag(out_, 2, "ssd:Connections").open();
-      for (std::size_t i = 0; i < links_.size(); ++i) write_connections(links_[i], scenario_.connections[i]);
+      for (const ResolvedConnection& link : links_) write_connections(link);
       close(out_, 2, "ssd:Connections");
     }
     Tag(out_, 2, "ssd:Annotations").open();
@@ -205,7 +205,7 @@ class Writer {
     if (!measure.empty()) measures_.insert(measure);
   }
 
-  void write_connections(const ResolvedConnection& link, const ConnectionSpec& spec) {
+  void write_connections(const ResolvedConnection& link) {
     const auto from = connectors_of(*link.from.variable, link.from.first, link.from.count, scalars(link));
     const auto to = connectors_of(*link.to.variable, link.to.first, link.to.count, scalars(link));
     const bool affine = link.factor != 1 || link.offset != 0;
@@ -213,7 +213,7 @@ class Writer {
       Tag tag(out_, 3, "ssd:Connection");
       tag.with("startElement", members_[link.from.member].name()).with("startConnector", from[i]);
       tag.with("endElement", members_[link.to.member].name()).with("endConnector", to[i]);
-      tag.with_if(affine || spec.suppress_unit_conversion, "suppressUnitConversion", "true");
+      tag.with_if(affine || link.suppress_unit_conversion, "suppressUnitConversion", "true");
       if (!affine) {
         tag.end();
         continue;

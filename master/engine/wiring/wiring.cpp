@@ -69,7 +69,8 @@ ResolvedConnection Resolver::resolve(const ConnectionSpec& connection) {
   const std::string what = from_name + " -> " + to_name;
   const std::string& place = connection.place;
 
-  ResolvedConnection link{signals_.find(from_name, place), signals_.find(to_name, place), 1, 0, false, {}};
+  ResolvedConnection link{
+      signals_.find(from_name, place), signals_.find(to_name, place), 1, 0, false, connection.suppress_unit_conversion, {}};
   const Variable &from = *link.from.variable, &to = *link.to.variable;
   const bool plain = connection.factor == 1 && connection.offset == 0;
   if (plain && from.role == Role::kInput && to.role == Role::kOutput) {

@@ -20,6 +20,7 @@ struct ResolvedConnection {
   /// The target is a parameter, which is set during initialisation only (SSP: calculatedParameter → parameter). Example: a
   /// drive starts at the first position of a recording.
   bool initial = false;
+  bool suppress_unit_conversion = false;  // as the connection says; `factor` has it already
   /// Values of the variable that is the time derivative of `from`; empty if its unit has none.
   std::span<const double> derivative;
 };

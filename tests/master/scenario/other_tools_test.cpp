@@ -129,6 +129,12 @@ TEST_P(Package, HasValuesInTheDescriptionAndConnectorsThatAreUsed) {
   EXPECT_TRUE(connected.empty()) << *connected.begin() << " has no connector";
 }
 
+// Also those that the master adds for loads: the examples' own connections ask for no such thing.
+TEST_P(Package, SuppressesConversionsOnlyWithALinearTransformation) {
+  for (const xml::Element* c : all(ssd(), "Connection"))
+    EXPECT_EQ(xml::find(*c, "suppressUnitConversion") != nullptr, !c->children.empty());
+}
+
 INSTANTIATE_TEST_SUITE_P(Examples, Package,
                          ::testing::Values("02_free_motion_lwr4/twin.ssd", "04_peg_in_hole/twin.ssd",
                                            "10_cooperation/clamping.ssd"));
