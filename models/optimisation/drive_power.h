@@ -20,13 +20,20 @@ class DrivePower {
   /// on the link over its weight's share of T.
   double drawn(std::span<const double> power, std::span<const double> weights, double T) const;
 
- private:
   struct Joint {
     double copper, converter, iron, eddy;  // W per τ², |τ|, |q̇| and q̇²
   };
-  std::vector<Joint> joints_;
-  energetics::Bus bus_;
-  double idle_, controller_, per_supplied_, per_returned_, least_, most_, start_;
+  struct Constants {
+    std::vector<Joint> joints;
+    energetics::Bus bus;
+    double idle, controller;            // W
+    double per_supplied, per_returned;  // J of the mains per J of the link
+    double least, most, start;          // J in the link's capacitor
+  };
+  const Constants& constants() const { return c_; }
+
+ private:
+  Constants c_;
 };
 
 }  // namespace cotwin::optimisation

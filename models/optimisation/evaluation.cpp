@@ -14,15 +14,14 @@ namespace {
 
 constexpr std::size_t kGroup = 8;  // nodes of a panel of the quadrature
 constexpr std::size_t kPart = 64;  // samples of a motion whose dynamics are computed together
-constexpr int kParts = 8;          // of the hulls
 constexpr double kSlack = 1e-9;    // relative rounding of bounds that an end attains
+
+}  // namespace
 
 double scale_of(double low, double high) {
   const double range = high - low;
   return std::isfinite(range) && range > 0 ? range : 1.0;
 }
-
-}  // namespace
 
 Evaluator::Scratch::Scratch(const Evaluator& e) : loaded(e.dynamics_) {
   const std::size_t n = e.n_;

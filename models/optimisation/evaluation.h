@@ -14,6 +14,9 @@ namespace cotwin::optimisation {
 
 inline constexpr std::size_t kLanes = numerics::BatchMatrix::kLanes;
 
+/// What the violation of a range is relative to: its width, 1 if it has none.
+double scale_of(double low, double high);
+
 /// Eight motions, one per lane: element i of lane k at [i · kLanes + k].
 struct Motions {
   std::vector<double> c;           // n · (degree − 5) coefficients c_r, joint by joint
@@ -48,6 +51,8 @@ struct Values {
 /// after the first evaluation.
 class Evaluator {
  public:
+  static constexpr int kParts = 8;  // of the hulls
+
   explicit Evaluator(const Problem& problem);
   ~Evaluator();
 

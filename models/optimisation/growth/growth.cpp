@@ -7,14 +7,15 @@
 #include <numeric>
 
 #include "models/foundation/support/error.h"
-#include "models/numerics/random.h"
 
 namespace cotwin::optimisation {
 
 namespace {
 
-constexpr std::size_t kPerSlot = 512, kSlots = 16;  // motions that one thread takes at a time, and such parts of a batch
-constexpr int kFine = 44;                           // bits of a number below its sign, exponent and eight bits of its mantissa
+constexpr std::size_t kSlots = 16;  // parts of a batch, each of one thread
+constexpr std::size_t kPerSlot = 512, kPerSlotOfDevice = 16384;
+constexpr std::uint32_t kForDevice = 1000000;  // motions that are worth the second in which a device is opened
+constexpr int kFine = 44;                      // bits of a number below its sign, exponent and eight bits of its mantissa
 constexpr std::size_t kFront = 100;
 
 std::uint64_t place_of(double magnitude) { return std::bit_cast<std::uint64_t>(magnitude) >> kFine; }
@@ -31,55 +32,14 @@ double edge_of(std::size_t bin) {
   return bin >= kSize ? magnitude(bin - kSize) : -magnitude(kSize - bin + 1);
 }
 
-/// Numbers of one motion.
-class Draws {
- public:
-  Draws(std::uint64_t seed, std::uint32_t number)
-      : key_{static_cast<std::uint32_t>(seed), static_cast<std::uint32_t>(seed >> 32)}, number_(number) {}
-  /// Uniform in [0, 1), of 32 bits.
-  double next() {
-    if (at_ == 4) {
-      words_ = numerics::philox({number_, block_++, kStream, 0}, key_);
-      at_ = 0;
-    }
-    return words_[at_++] * 0x1p-32;
-  }
-
- private:
-  static constexpr std::uint32_t kStream = 0x67726f77;
-  std::array<std::uint32_t, 2> key_;
-  std::uint32_t number_, block_ = 0;
-  std::array<std::uint32_t, 4> words_{};
-  std::size_t at_ = 4;
-};
-
-/// Sets motion `number` through set_q_from(joint, x), set_q_to(joint, x), set_c(index, x); returns T.
-template <class From, class To, class C>
-double draw(const Problem& p, const GrowthOptions& o, std::uint32_t number, From set_q_from, To set_q_to, C set_c) {
-  const std::size_t n = p.robot.joints.size(), K = static_cast<std::size_t>(p.degree - 5);
-  const std::size_t goals = std::max<std::size_t>(o.to.list.size(), 1), starts = std::max<std::size_t>(o.from.list.size(), 1);
-  Draws draws(o.seed, number);
-  const double T = p.T_min == p.T_max ? p.T_min : std::min(p.T_min * std::pow(p.T_max / p.T_min, draws.next()), p.T_max);
-  const double r = draws.next();
-  const auto posture = [&](const PostureSet& set, std::size_t in_list, auto set_q) {
-    for (std::size_t j = 0; j < n; ++j)
-      set_q(j, set.list.empty() ? set.low[j] + draws.next() * (set.high[j] - set.low[j]) : set.list[in_list][j]);
-  };
-  posture(o.from, number / goals % starts, set_q_from);
-  posture(o.to, number % goals, set_q_to);
-  for (std::size_t j = 0; j < n; ++j)
-    for (std::size_t k = 0; k < K; ++k) set_c(j * K + k, r * o.c_max[j] * (2 * draws.next() - 1));
-  return T;
-}
-
 /// What one thread finds of some motions, in their order.
 struct Slot {
   std::unique_ptr<Evaluator::Scratch> scratch;
   Motions motions;
   Values values;
   std::vector<double> kinematic, torque, costs;  // costs: of motion k at [k · terms]
-  std::vector<Values::Excess> worst;
-  std::vector<char> promising;  // may belong to the front
+  std::vector<std::size_t> worst;                // bound · n + joint
+  std::vector<char> promising;                   // may belong to the front
 };
 
 void check(const Problem& p, const GrowthOptions& o) {
@@ -142,15 +102,19 @@ Distribution::Intervals Distribution::intervals(std::size_t most) const {
 }
 
 Round::Particle grown(const Problem& problem, const GrowthOptions& options, std::uint32_t number) {
-  const std::size_t n = problem.robot.joints.size();
+  Motions m = room_for(problem);
+  draw(problem, options, number, m, 0);
+  const auto own = [](const std::vector<double>& lanes) {
+    std::vector<double> values;
+    for (std::size_t i = 0; i < lanes.size(); i += kLanes) values.push_back(lanes[i]);
+    return values;
+  };
   Round::Particle p;
   p.number = number;
-  p.q_from.resize(n);
-  p.q_to.resize(n);
-  p.c.resize(n * static_cast<std::size_t>(problem.degree - 5));
-  p.T = draw(
-      problem, options, number, [&](std::size_t j, double x) { p.q_from[j] = x; },
-      [&](std::size_t j, double x) { p.q_to[j] = x; }, [&](std::size_t i, double x) { p.c[i] = x; });
+  p.q_from = own(m.q_from);
+  p.q_to = own(m.q_to);
+  p.c = own(m.c);
+  p.T = m.T[0];
   return p;
 }
 
@@ -172,7 +136,22 @@ Harvest grow(const Problem& problem, const GrowthOptions& o, numerics::Threads* 
   };
   // Twice as many as are wanted, since assess() may find some infeasible.
   std::vector<std::vector<Candidate>> best(terms);
-  std::vector<Slot> slots(std::min<std::size_t>(kSlots, (o.motions + kPerSlot - 1) / kPerSlot));
+  std::unique_ptr<DeviceJudge> judge;
+  const auto without_device = [&](const Error& error) {
+    if (o.device == DeviceUse::kGpu) throw error;
+    judge.reset();
+    h.not_device = error.what();
+  };
+  if (o.device == DeviceUse::kGpu || (o.device == DeviceUse::kAuto && o.motions >= kForDevice)) {
+    try {
+      judge = std::make_unique<DeviceJudge>(evaluator, o, kSlots * kPerSlotOfDevice, numerics::Device::shared());
+      h.device = judge->device();
+    } catch (const Error& error) {
+      without_device(error);
+    }
+  }
+  const std::size_t per_slot = judge ? kPerSlotOfDevice : kPerSlot;
+  std::vector<Slot> slots(std::min<std::size_t>(kSlots, (o.motions + per_slot - 1) / per_slot));
   for (Slot& s : slots) {
     s.scratch = evaluator.scratch();
     s.motions = evaluator.motions();
@@ -180,38 +159,53 @@ Harvest grow(const Problem& problem, const GrowthOptions& o, numerics::Threads* 
   }
 
   std::uint32_t first = 0;  // of the batch
+  Verdicts verdicts;        // of the batch; empty without a device
   const auto evaluate = [&](std::size_t slot) {
     Slot& s = slots[slot];
-    for (auto* list : {&s.kinematic, &s.torque, &s.costs}) list->clear();
-    s.worst.clear();
-    s.promising.clear();
-    const std::uint64_t begin = first + slot * kPerSlot, end = std::min<std::uint64_t>(begin + kPerSlot, o.motions);
-    for (std::uint64_t at = begin; at < end; at += kLanes) {
-      s.motions.count = std::min<std::size_t>(kLanes, end - at);
-      for (std::size_t lane = 0; lane < s.motions.count; ++lane)
-        s.motions.T[lane] = draw(
-            problem, o, static_cast<std::uint32_t>(at + lane),
-            [&](std::size_t j, double x) { s.motions.q_from[j * kLanes + lane] = x; },
-            [&](std::size_t j, double x) { s.motions.q_to[j * kLanes + lane] = x; },
-            [&](std::size_t i, double x) { s.motions.c[i * kLanes + lane] = x; });
+    const std::size_t begin = slot * per_slot, count = std::min<std::size_t>(per_slot, o.motions - first - begin);
+    for (auto* list : {&s.kinematic, &s.torque}) list->resize(count);
+    s.costs.resize(count * terms);
+    s.worst.resize(count);
+    s.promising.resize(count);
+    std::array<std::size_t, kLanes> places{};  // of the motions in the lanes
+    s.motions.count = 0;
+    const auto evaluate_lanes = [&] {
       evaluator.evaluate(s.motions, *s.scratch, s.values);
       for (std::size_t lane = 0; lane < s.motions.count; ++lane) {
-        s.kinematic.push_back(s.values.kinematic[lane]);
-        s.torque.push_back(s.values.torque[lane]);
-        s.worst.push_back(s.values.worst[lane]);
+        const std::size_t k = places[lane];
+        s.kinematic[k] = s.values.kinematic[lane];
+        s.torque[k] = s.values.torque[lane];
+        s.worst[k] = static_cast<std::size_t>(s.values.worst[lane].bound) * n + s.values.worst[lane].joint;
         for (std::size_t term = 0; term < terms; ++term)
-          s.costs.push_back(s.values.pruned[lane] ? std::numeric_limits<double>::quiet_NaN()
-                                                  : s.values.costs[term * kLanes + lane]);
-        const bool feasible = s.kinematic.back() == 0 && s.torque.back() == 0;
-        s.promising.push_back(feasible && terms > 1 &&
-                              !front.covers({s.costs.end() - static_cast<std::ptrdiff_t>(terms), s.costs.end()}));
+          s.costs[k * terms + term] =
+              s.values.pruned[lane] ? std::numeric_limits<double>::quiet_NaN() : s.values.costs[term * kLanes + lane];
       }
+      s.motions.count = 0;
+    };
+    for (std::size_t k = 0; k < count; ++k) {
+      const std::size_t at = begin + k;
+      if (verdicts.count() > 0 && !verdicts.open(at)) {
+        s.kinematic[k] = verdicts.kinematic(at);
+        s.torque[k] = verdicts.torque(at);
+        s.worst[k] = verdicts.worst(at);
+        for (std::size_t term = 0; term < terms; ++term) s.costs[k * terms + term] = verdicts.cost(term, at);
+        continue;
+      }
+      places[s.motions.count] = k;
+      draw(problem, o, static_cast<std::uint32_t>(first + at), s.motions, s.motions.count);
+      if (++s.motions.count == kLanes) evaluate_lanes();
+    }
+    if (s.motions.count > 0) evaluate_lanes();
+    for (std::size_t k = 0; k < count; ++k) {
+      const double* const costs = s.costs.data() + k * terms;
+      s.promising[k] =
+          s.kinematic[k] == 0 && s.torque[k] == 0 && terms > 1 && !front.covers({costs, static_cast<std::size_t>(terms)});
     }
   };
   const auto take = [&](const Slot& s, std::size_t k, std::uint32_t number) {
     ++h.motions;
     if (s.kinematic[k] != 0 || s.torque[k] != 0) {
-      ++h.forbidden[static_cast<std::size_t>(s.worst[k].bound) * n + s.worst[k].joint];
+      ++h.forbidden[s.worst[k]];
       return;
     }
     ++h.feasible;
@@ -235,14 +229,28 @@ Harvest grow(const Problem& problem, const GrowthOptions& o, numerics::Threads* 
     particle.costs.assign(costs, costs + terms);
     front.add(particle);
   };
+  const auto batch_from = [&](std::size_t begin) { return std::min(kSlots * per_slot, o.motions - begin); };
+  const auto on_device = [&](auto&& work) {
+    if (!judge) return;
+    try {
+      work();
+    } catch (const Error& error) {
+      without_device(error);
+    }
+  };
+  on_device([&] { judge->start(0, batch_from(0)); });
   while (first < o.motions) {
-    const std::size_t count = std::min<std::size_t>(kSlots * kPerSlot, o.motions - first);
-    const std::size_t used = (count + kPerSlot - 1) / kPerSlot;
-    threads->run(used, evaluate);
+    const std::size_t count = batch_from(first), next = first + count;
+    verdicts.clear();
+    on_device([&] {
+      judge->finish(verdicts);
+      if (next < o.motions) judge->start(static_cast<std::uint32_t>(next), batch_from(next));
+    });
+    threads->run((count + per_slot - 1) / per_slot, evaluate);
     Round round;
     for (std::size_t i = 0; i < count; ++i) {
-      const Slot& s = slots[i / kPerSlot];
-      const std::size_t k = i % kPerSlot;
+      const Slot& s = slots[i / per_slot];
+      const std::size_t k = i % per_slot;
       const auto number = static_cast<std::uint32_t>(first + i);
       take(s, k, number);
       if (!o.on_batch) continue;

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "models/foundation/support/threads.h"
+#include "models/optimisation/judgement/device_judge.h"
 #include "models/optimisation/search.h"
 
 /// Data growing (V-B): many motions from rest to rest between postures, drawn at random within ranges of redundant coefficients and
@@ -11,19 +12,11 @@
 /// number of threads, and memory does not grow with their number.
 namespace cotwin::optimisation {
 
-/// Postures of which each motion takes one: those of a list in turn, or without a list any one of a box.
-struct PostureSet {
-  std::vector<std::vector<double>> list;  // n each
-  std::vector<double> low, high;          // n each
-};
-
-struct GrowthOptions {
-  PostureSet from, to;  // in place of those of Problem::ends
-  std::vector<double>
-      c_max;  // n, rad or m: c_r = r · c_max · u, r uniform in [0, 1], each u in [−1, 1]: as many near the quintic as far
-  std::uint32_t motions = 1000;  // ln T is uniform from ln T_min to ln T_max
-  std::uint64_t seed = 1;
+struct GrowthOptions : Drawing {
+  std::uint32_t motions = 1000;
   std::size_t best = 3;  // that are kept of each cost
+  /// kAuto: a GPU for a million motions and more, if there is one; kGpu: one for any number, or an Error.
+  DeviceUse device = DeviceUse::kAuto;
   /// Called after each batch with the number of motions so far; may throw.
   std::function<void(std::uint32_t done)> on_progress = {};
   /// Called with each batch of motions in their order; may throw.
@@ -56,6 +49,8 @@ class Distribution {
 
 struct Harvest {
   std::uint32_t motions = 0, feasible = 0;
+  std::string device;      // the GPU that judged them; empty: this processor
+  std::string not_device;  // why this processor did, where a GPU was wanted
   /// Motions that are not feasible, by the bound that they exceed most, of those that were looked at: that of joint j at [d · n + j], d: q, dq, ddq, dddq, tau.
   std::vector<std::uint32_t> forbidden;
   std::vector<Distribution> costs;  // of each cost term, of feasible motions, at the samples of the problem

@@ -1,0 +1,63 @@
+#pragma once
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "models/numerics/device/device.h"
+#include "models/optimisation/judgement/drawing.h"
+
+namespace cotwin::optimisation {
+
+/// Which processor judges very many motions.
+enum class DeviceUse { kAuto, kCpu, kGpu };
+
+/// What a device found of a batch of motions.
+class Verdicts {
+ public:
+  std::size_t count() const { return count_; }
+  void clear() { count_ = 0; }
+  /// Whether Evaluator has to look at the motion, whose bounds are exceeded between places at which they are attained, if at all.
+  bool open(std::size_t k) const { return values_[2 * count_ + k] < 0; }
+  /// As in Values.
+  double kinematic(std::size_t k) const { return values_[k]; }
+  double torque(std::size_t k) const { return values_[count_ + k]; }
+  /// The bound that is exceeded most as bound · n + joint.
+  std::size_t worst(std::size_t k) const { return static_cast<std::size_t>(values_[2 * count_ + k]); }
+  /// NaN for motions that were pruned.
+  double cost(std::size_t term, std::size_t k) const { return values_[(3 + term) * count_ + k]; }
+
+ private:
+  friend class DeviceJudge;
+  std::size_t count_ = 0;
+  std::vector<double> values_;
+};
+
+/// Judges motions of one problem on a GPU as Evaluator does on the processor, but for rounding.
+class DeviceJudge {
+ public:
+  static constexpr std::size_t kCompared = 4096;
+
+  /// Of motions that are drawn, at most `most` at a time. Compares the device with `evaluator` on the first kCompared before any other use. Throws Error for what
+  /// the judgement does not know of this problem, for failures of the device, and for one whose figures differ by more than 1e-9.
+  DeviceJudge(const Evaluator& evaluator, const Drawing& drawing, std::size_t most, std::shared_ptr<numerics::Device> device);
+  ~DeviceJudge();
+
+  const std::string& device() const;
+  /// The largest relative difference of that comparison.
+  double difference() const { return difference_; }
+
+  /// Begins with the drawn motions first … first + count − 1.
+  void start(std::uint32_t first, std::size_t count, unsigned block = 128);
+  /// Waits for what start() began.
+  void finish(Verdicts& verdicts);
+
+ private:
+  void compare(const Evaluator& evaluator, const Drawing& drawing);
+
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+  double difference_ = 0;
+};
+
+}  // namespace cotwin::optimisation
