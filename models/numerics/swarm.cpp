@@ -135,20 +135,34 @@ SwarmStatus Swarm::run(Threads* threads) {
   return status();
 }
 
+void Swarm::set_together(Prepare prepare, std::function<void()> together) {
+  prepare_ = std::move(prepare);
+  together_ = std::move(together);
+}
+
 SwarmStatus Swarm::round(Threads* threads) {
   if (const SwarmStatus before = status(); before != SwarmStatus::kRunning) return before;
   SwarmState& s = state_;
   const bool move = s.round > 0 && !s.stagnated;
   if (s.stagnated) reconfigure();
   const std::size_t blocks = s.particles / kSwarmBlock;
-  const auto work = [this, move](std::size_t block) {
+  const auto all_blocks = [&](const auto& work) {
+    if (threads && threads->threads() > 1)
+      threads->run(blocks, std::cref(work));
+    else
+      for (std::size_t block = 0; block < blocks; ++block) work(block);
+  };
+  if (prepare_) {
+    all_blocks([this, move](std::size_t block) {
+      if (move) move_block(block);
+      prepare_(block, state_.x.data() + block * kSwarmBlock, state_.particles);
+    });
+    together_();
+  }
+  all_blocks([this, move = move && !prepare_](std::size_t block) {
     if (move) move_block(block);
     evaluate_block(block);
-  };
-  if (threads && threads->threads() > 1)
-    threads->run(blocks, std::cref(work));
-  else
-    for (std::size_t block = 0; block < blocks; ++block) work(block);
+  });
   remember();
   inform();
   s.history.push_back(best_cost());

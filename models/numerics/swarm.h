@@ -81,6 +81,11 @@ class Swarm {
   /// Continues from `state`, to the same bits if cost and options are the same.
   Swarm(SwarmState state, Cost cost, const SwarmOptions& options = {});
 
+  /// Lets all particles of a round be looked at together, before their costs are asked for: `prepare` receives each block's positions as a
+  /// Cost does, then `together` is called once.
+  using Prepare = std::function<void(std::size_t block, const double* x, std::size_t stride)>;
+  void set_together(Prepare prepare, std::function<void()> together);
+
   /// Makes one round; the first one evaluates the initial positions. Returns kRunning, or the reason of the end; after the end
   /// it does nothing.
   SwarmStatus round(Threads* threads = nullptr);
@@ -114,6 +119,8 @@ class Swarm {
   SwarmOptions options_;
   SwarmState state_;
   Cost cost_;
+  Prepare prepare_;
+  std::function<void()> together_;
   std::vector<std::size_t> order_;        // scratch: particles by personal best
   std::vector<double> centres_;           // scratch: d x particles
   std::vector<std::uint32_t> informant_;  // particle whose personal best attracts each

@@ -75,6 +75,11 @@ class Search {
       values_.push_back(evaluator_.values());
       decoded_.emplace_back(evaluator_.joints() * evaluator_.basis().redundant() * kLanes + 8 * kLanes);
     }
+    if (options.device == DeviceUse::kGpu || (options.device == DeviceUse::kAuto && options.particles >= kForDevice))
+      try_device([&] {
+        judged_ = std::make_unique<JudgedBlocks>(evaluator_, blocks, numerics::Device::shared());
+        if (options_.on_device) options_.on_device(judged_->device(), "");
+      });
   }
 
   const Problem& problem() const { return problem_; }
@@ -136,6 +141,20 @@ class Search {
   }
 
  private:
+  static constexpr int kForDevice = 10000;  // particles
+
+  /// Does without the device if it fails.
+  template <class Work>
+  void try_device(Work work) {
+    try {
+      work();
+    } catch (const numerics::DeviceError& error) {
+      if (options_.device == DeviceUse::kGpu) throw;
+      judged_.reset();
+      if (options_.on_device) options_.on_device("", error.what());
+    }
+  }
+
   bool still_going(std::uint64_t further = 0) {
     if (evaluations_ + further >= options_.evaluations || std::chrono::steady_clock::now() >= end_) going_ = false;
     return going_;
@@ -483,7 +502,7 @@ class Search {
     };
     const std::size_t parameters = 3 * centre.compliance.size();
 
-    const auto cost = [&](std::size_t block, std::size_t count, const double* x, std::size_t stride, double* result) {
+    const auto set_motions = [&](std::size_t block, const double* x, std::size_t stride) {
       Motions& m = motions_[block];
       std::vector<double>& c = decoded_[block];
       decode.times(x, stride, c.data());
@@ -498,7 +517,14 @@ class Search {
       }
       for (std::size_t i = 0; i < parameters; ++i)
         for (std::size_t k = 0; k < kLanes; ++k) m.compliance[i * kLanes + k] = compliance_of(i, x[(d + 2 + i) * stride + k]);
-      evaluator_.evaluate(m, *scratch_[block], values_[block]);
+    };
+    const auto cost = [&](std::size_t block, std::size_t count, const double* x, std::size_t stride, double* result) {
+      if (judged_) {
+        judged_->take(block, motions_[block], *scratch_[block], values_[block]);
+      } else {
+        set_motions(block, x, stride);
+        evaluator_.evaluate(motions_[block], *scratch_[block], values_[block]);
+      }
       for (std::size_t k = 0; k < count; ++k) result[k] = deb(values_[block], k);
     };
     numerics::SwarmOptions swarm_options;
@@ -508,6 +534,15 @@ class Search {
     swarm_options.threshold = -std::numeric_limits<double>::infinity();
     swarm_options.stagnation_rounds = 0;
     numerics::Swarm swarm(lower, upper, start, width, cost, swarm_options);
+    if (judged_)
+      swarm.set_together(
+          [&](std::size_t block, const double* x, std::size_t stride) {
+            set_motions(block, x, stride);
+            if (judged_) judged_->put(block, motions_[block]);
+          },
+          [&] {
+            if (judged_) try_device([&] { judged_->judge(); });
+          });
     bool more = true;
     for (int round = 0; more && going_; ++round) {
       more = swarm.round(threads_) == numerics::SwarmStatus::kRunning;
@@ -557,6 +592,7 @@ class Search {
   numerics::Threads* threads_;
   Problem problem_;
   Evaluator evaluator_;
+  std::unique_ptr<JudgedBlocks> judged_;
   std::vector<std::unique_ptr<Evaluator::Scratch>> scratch_;
   std::vector<Motions> motions_;
   std::vector<Values> values_;

@@ -8,6 +8,7 @@
 #include "components/services/json/move_json.h"
 #include "components/services/json/schema_parts.h"
 #include "models/foundation/support/text.h"
+#include "models/numerics/device/device.h"
 
 namespace cotwin::services {
 
@@ -96,7 +97,12 @@ Json reply_to(const Robot& robot, Reader& r, const Context& context) {
   const std::string service = r.text("service");
   for (const auto& [name, description, answer] : kServices)
     if (service == name) {
-      Json reply = answer(robot, r, context);
+      Json reply;
+      try {
+        reply = answer(robot, r, context);
+      } catch (const numerics::DeviceError& e) {
+        throw RequestError("/device", std::string("is gpu, expected auto or cpu: ") + e.what());
+      }
       if (context.only_read) return reply;
       add_assumptions(service, robot, r, reply);
       return with_notes(std::move(reply), robot);

@@ -65,6 +65,19 @@ std::function<void(std::uint32_t)> percent_of(const Context& context, std::uint3
   };
 }
 
+optimisation::DeviceUse read_device(Reader& r, const char* worth) {
+  const std::string word = r.word("device", {"auto", "cpu", "gpu"}, worth);
+  return word == "auto"  ? optimisation::DeviceUse::kAuto
+         : word == "cpu" ? optimisation::DeviceUse::kCpu
+                         : optimisation::DeviceUse::kGpu;
+}
+
+void tell_device(Json& reply, const std::string& device, const std::string& reason) {
+  reply["device"] = device.empty() ? "cpu" : device;
+  if (!reason.empty())
+    add_notes(reply, {"device: " + std::string(device.empty() ? "" : "in part ") + "this processor: " + reason});
+}
+
 Json forbidden_json(const robot::RobotModel& robot, const std::vector<std::uint32_t>& forbidden, std::uint32_t motions) {
   constexpr const char* kBounds[] = {"q", "dq", "ddq", "dddq", "tau"};
   std::vector<std::size_t> order;

@@ -31,7 +31,7 @@ namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
 struct AskArguments {
-  std::string service, robot = "lwr4", more, detail, table, schema, q_columns;
+  std::string service, robot = "lwr4", more, detail, table, schema, q_columns, device;
   std::vector<double> from, to;
   std::string angle_unit = "rad";
   std::optional<double> T;
@@ -150,6 +150,12 @@ Json request_of(const AskArguments& a, services::Robots& robots) {
     refuse_twice("--detail", {"detail"});
     request["detail"] = a.detail;
   }
+  if (!a.device.empty()) {
+    if (!takes("device"))
+      throw Error("--device", "is given for the service " + a.service + ", expected it with grow or optimise");
+    refuse_twice("--device", {"device"});
+    request["device"] = a.device;
+  }
   return request;
 }
 
@@ -250,6 +256,7 @@ void refuse_others(const AskArguments& a, const std::string& chosen, const std::
                                                 {"--particles", !!a.particles},
                                                 {"--rows", !!a.rows},
                                                 {"--map", !a.maps.empty()},
+                                                {"--device", !a.device.empty()},
                                                 {"--series", !!a.series},
                                                 {"--q-columns", !a.q_columns.empty()},
                                                 {"--file", !a.files.empty()},
@@ -298,7 +305,7 @@ int ask(const AskArguments& a) {
   else
     refuse_others(a, "SERVICE",
                   {"--from", "--to", "--angle-unit", "--duration", "--with", "--detail", "--motion", "--particles", "--rows",
-                   "--map", "--series", "--q-columns", "--robots", "--threads"});
+                   "--map", "--device", "--series", "--q-columns", "--robots", "--threads"});
   if (!a.schema.empty()) {
     const std::vector<std::string> names = services::service_names();
     if (std::ranges::find(names, a.schema) == names.end())
@@ -359,6 +366,11 @@ void add_ask(CLI::App& app, Chosen& chosen) {
                    "Write what grow finds of each goal: .csv, or .svg for the picture of a grid; may be repeated")
       ->allow_extra_args(false)
       ->type_name("FILE");
+  command
+      ->add_option("--device", a.device,
+                   "Of grow and optimise: cpu, gpu, or auto for a GPU where there is one and it pays (docs/services.md)")
+      ->check(CLI::IsMember({"auto", "cpu", "gpu"}))
+      ->type_name("WORD");
   command->add_option("--file", a.files, "Files with requests in JSON: one, an array, or robots and tasks (docs/services.md)")
       ->type_name("FILE");
   command->add_option("--table", a.table, "The answers of --file as a table: text or csv")

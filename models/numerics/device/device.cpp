@@ -8,8 +8,6 @@
 
 #include <mutex>
 
-#include "models/foundation/support/error.h"
-
 namespace cotwin::numerics {
 
 namespace {
@@ -34,7 +32,7 @@ class Library {
   bool open() const { return handle_ != nullptr; }
 };
 
-[[noreturn]] void fail(const std::string& why) { throw Error("GPU", why); }
+[[noreturn]] void fail(const std::string& why) { throw DeviceError(why); }
 
 }  // namespace
 
@@ -150,7 +148,7 @@ DeviceProgram::DeviceProgram(std::shared_ptr<Device> device, const char* ptx, co
   COTWIN_CALL(d, cuModuleLoadDataEx, &module_, ptx, 0, nullptr, nullptr);
   try {
     COTWIN_CALL(d, cuModuleGetFunction, &entry_, module_, entry);
-  } catch (const Error&) {
+  } catch (const DeviceError&) {
     (void)d.cuModuleUnload(module_);
     throw;
   }

@@ -3,13 +3,20 @@
 #include <memory>
 #include <string>
 
+#include "models/foundation/support/error.h"
+
 /// A GPU of NVIDIA as a place of memory and of programs in PTX, through its driver's library alone, which is opened when it is needed.
 namespace cotwin::numerics {
 
-/// The first GPU of the machine. May be used by several threads. Errors of the driver are thrown as Error `GPU: cuMemAlloc_v2: CUDA_ERROR_OUT_OF_MEMORY`.
+/// A GPU that is not there, fails or cannot do what it is asked: `GPU: cuMemAlloc_v2: CUDA_ERROR_OUT_OF_MEMORY`.
+class DeviceError : public Error {
+ public:
+  explicit DeviceError(const std::string& why) : Error("GPU", why) {}
+};
+
+/// The first GPU of the machine. May be used by several threads. All functions throw DeviceError.
 class Device {
  public:
-  /// Throws Error where no driver or GPU is found.
   Device();
   ~Device();
   Device(const Device&) = delete;

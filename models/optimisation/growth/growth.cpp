@@ -137,7 +137,7 @@ Harvest grow(const Problem& problem, const GrowthOptions& o, numerics::Threads* 
   // Twice as many as are wanted, since assess() may find some infeasible.
   std::vector<std::vector<Candidate>> best(terms);
   std::unique_ptr<DeviceJudge> judge;
-  const auto without_device = [&](const Error& error) {
+  const auto without_device = [&](const numerics::DeviceError& error) {
     if (o.device == DeviceUse::kGpu) throw error;
     judge.reset();
     h.not_device = error.what();
@@ -146,7 +146,7 @@ Harvest grow(const Problem& problem, const GrowthOptions& o, numerics::Threads* 
     try {
       judge = std::make_unique<DeviceJudge>(evaluator, o, kSlots * kPerSlotOfDevice, numerics::Device::shared());
       h.device = judge->device();
-    } catch (const Error& error) {
+    } catch (const numerics::DeviceError& error) {
       without_device(error);
     }
   }
@@ -234,7 +234,7 @@ Harvest grow(const Problem& problem, const GrowthOptions& o, numerics::Threads* 
     if (!judge) return;
     try {
       work();
-    } catch (const Error& error) {
+    } catch (const numerics::DeviceError& error) {
       without_device(error);
     }
   };

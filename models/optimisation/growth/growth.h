@@ -4,7 +4,6 @@
 #include <vector>
 
 #include "models/foundation/support/threads.h"
-#include "models/optimisation/judgement/device_judge.h"
 #include "models/optimisation/search.h"
 
 /// Data growing (V-B): many motions from rest to rest between postures, drawn at random within ranges of redundant coefficients and

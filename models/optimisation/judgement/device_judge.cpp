@@ -5,7 +5,6 @@
 #include <cstring>
 #include <limits>
 
-#include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
 #include "models/optimisation/judgement/judgement.h"
 #include "models/robot/mechanism.h"
@@ -17,7 +16,7 @@ extern const char* const kJudgementPtx[robot::kKernelShapes];  // made by the bu
 
 namespace {
 
-[[noreturn]] void refuse(const std::string& why) { throw Error("GPU", why); }
+[[noreturn]] void refuse(const std::string& why) { throw numerics::DeviceError(why); }
 
 constexpr const char* kEntries[robot::kKernelShapes] = {"judge_tree", "judge_chain", "judge_chain_6", "judge_chain_7"};
 constexpr std::pair<Quantity, JudgedCost> kJudged[] = {
@@ -100,7 +99,10 @@ std::vector<double> block_of(const Evaluator& e, const Drawing& d, const robot::
   h.parts = Evaluator::kParts;
   h.samples = static_cast<int>(e.samples());
   if (h.columns > kMostJudgedColumns) refuse("judges motions of at most degree 31");
-  for (int r = 0; r < 4; ++r) h.hull_at[r] = block.add(basis.hull(Evaluator::kParts, r));
+  for (int r = 0; r < 4; ++r) {
+    h.hull_at[r] = block.add(basis.hull(Evaluator::kParts, r));
+    h.points_at[r] = block.add(basis.hull(1, r));
+  }
   std::vector<double> tables;
   for (const double s : e.nodes())
     for (int r = 0; r < 3; ++r)
@@ -208,6 +210,7 @@ struct DeviceJudge::Impl {
   std::vector<double> values;
   numerics::DeviceProgram program;
   numerics::DeviceMemory block, out;
+  std::optional<numerics::DeviceMemory> given;
 };
 
 DeviceJudge::DeviceJudge(const Evaluator& evaluator, const Drawing& drawing, std::size_t most,
@@ -220,8 +223,17 @@ DeviceJudge::~DeviceJudge() = default;
 
 const std::string& DeviceJudge::device() const { return impl_->device->name(); }
 
-void DeviceJudge::start(std::uint32_t first, std::size_t count, unsigned block) {
-  unsigned long long problem = impl_->block.address(), given = 0, out = impl_->out.address();
+void DeviceJudge::start(std::uint32_t first, std::size_t count, unsigned block) { launch(0, first, count, block); }
+
+void DeviceJudge::start(const std::vector<double>& given, std::size_t count) {
+  const std::size_t bytes = given.size() * sizeof(double);
+  if (!impl_->given) impl_->given.emplace(impl_->device, bytes);
+  impl_->given->write(given.data(), bytes);
+  launch(impl_->given->address(), 0, count, 128);
+}
+
+void DeviceJudge::launch(unsigned long long given, std::uint32_t first, std::size_t count, unsigned block) {
+  unsigned long long problem = impl_->block.address(), out = impl_->out.address();
   auto threads = static_cast<unsigned>(count);
   void* arguments[] = {&problem, &first, &threads, &given, &out};
   impl_->begun = count;
@@ -272,6 +284,59 @@ void DeviceJudge::compare(const Evaluator& e, const Drawing& drawing) {
   if (!(difference_ <= kMost))
     refuse(device() + " differs by " + text::to_text(difference_, 3) + " from this processor on " + std::to_string(kCompared) +
            " motions, expected at most 1e-09");
+}
+
+namespace {
+
+/// Motions from the problem's start to its end or end postures.
+Drawing drawing_of(const Problem& p) {
+  constexpr double kRange = 0.1;
+  Drawing d;
+  d.from.list = {p.ends.q_from};
+  d.to.list = p.end_postures;
+  if (d.to.list.empty()) d.to.list = {p.ends.q_to};
+  d.c_max.assign(p.robot.joints.size(), kRange);
+  return d;
+}
+
+}  // namespace
+
+JudgedBlocks::JudgedBlocks(const Evaluator& evaluator, std::size_t blocks, std::shared_ptr<numerics::Device> device)
+    : evaluator_(evaluator),
+      count_(blocks * kLanes),
+      judge_(evaluator, drawing_of(evaluator.problem()), count_, std::move(device)),
+      given_((1 + evaluator.joints() * (1 + evaluator.basis().redundant())) * count_) {}
+
+void JudgedBlocks::put(std::size_t block, const Motions& m) {
+  double* to = given_.data() + block * kLanes;
+  const auto add = [&](const double* lanes) {
+    std::copy_n(lanes, kLanes, to);
+    to += count_;
+  };
+  add(m.T.data());
+  for (const auto* values : {&m.q_to, &m.c})
+    for (std::size_t i = 0; i < values->size(); i += kLanes) add(values->data() + i);
+}
+
+void JudgedBlocks::judge() {
+  judge_.start(given_, count_);
+  judge_.finish(verdicts_);
+}
+
+void JudgedBlocks::take(std::size_t block, const Motions& motions, Evaluator::Scratch& scratch, Values& values) const {
+  const std::size_t first = block * kLanes;
+  for (std::size_t lane = 0; lane < kLanes; ++lane)
+    if (verdicts_.open(first + lane)) {
+      evaluator_.evaluate(motions, scratch, values);
+      return;
+    }
+  for (std::size_t lane = 0; lane < kLanes; ++lane) {
+    values.kinematic[lane] = verdicts_.kinematic(first + lane);
+    values.torque[lane] = verdicts_.torque(first + lane);
+    values.pruned[lane] = values.kinematic[lane] > 0;
+    for (std::size_t term = 0; term < evaluator_.problem().costs.size(); ++term)
+      values.costs[term * kLanes + lane] = verdicts_.cost(term, first + lane);
+  }
 }
 
 }  // namespace cotwin::optimisation

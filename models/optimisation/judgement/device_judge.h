@@ -17,7 +17,7 @@ class Verdicts {
  public:
   std::size_t count() const { return count_; }
   void clear() { count_ = 0; }
-  /// Whether Evaluator has to look at the motion, whose bounds are exceeded between places at which they are attained, if at all.
+  /// Whether Evaluator has to look at the motion: a derivative comes closer to its bound than the device can tell.
   bool open(std::size_t k) const { return values_[2 * count_ + k] < 0; }
   /// As in Values.
   double kinematic(std::size_t k) const { return values_[k]; }
@@ -38,7 +38,7 @@ class DeviceJudge {
  public:
   static constexpr std::size_t kCompared = 4096;
 
-  /// Of motions that are drawn, at most `most` at a time. Compares the device with `evaluator` on the first kCompared before any other use. Throws Error for what
+  /// Of motions that are drawn, at most `most` at a time. Compares the device with `evaluator` on the first kCompared before any other use. Throws DeviceError for what
   /// the judgement does not know of this problem, for failures of the device, and for one whose figures differ by more than 1e-9.
   DeviceJudge(const Evaluator& evaluator, const Drawing& drawing, std::size_t most, std::shared_ptr<numerics::Device> device);
   ~DeviceJudge();
@@ -49,15 +49,41 @@ class DeviceJudge {
 
   /// Begins with the drawn motions first … first + count − 1.
   void start(std::uint32_t first, std::size_t count, unsigned block = 128);
+  /// Begins with motions that are given: of motion i of `count` the duration at [i], then its q_to and coefficients at [k · count + i]. They
+  /// begin at the first posture of Drawing::from.
+  void start(const std::vector<double>& given, std::size_t count);
   /// Waits for what start() began.
   void finish(Verdicts& verdicts);
 
  private:
   void compare(const Evaluator& evaluator, const Drawing& drawing);
 
+  void launch(unsigned long long given, std::uint32_t first, std::size_t count, unsigned block);
+
   struct Impl;
   std::unique_ptr<Impl> impl_;
   double difference_ = 0;
+};
+
+/// Blocks of kLanes motions of a problem, as a swarm has them, that a device judges together.
+class JudgedBlocks {
+ public:
+  /// Throws DeviceError as DeviceJudge does.
+  JudgedBlocks(const Evaluator& evaluator, std::size_t blocks, std::shared_ptr<numerics::Device> device);
+
+  const std::string& device() const { return judge_.device(); }
+  /// May be called for different blocks from several threads, as take().
+  void put(std::size_t block, const Motions& motions);
+  void judge();
+  /// What evaluate() finds of the motions of put(), but Values::worst.
+  void take(std::size_t block, const Motions& motions, Evaluator::Scratch& scratch, Values& values) const;
+
+ private:
+  const Evaluator& evaluator_;
+  std::size_t count_;
+  DeviceJudge judge_;
+  std::vector<double> given_;
+  Verdicts verdicts_;
 };
 
 }  // namespace cotwin::optimisation

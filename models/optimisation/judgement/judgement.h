@@ -35,10 +35,11 @@ struct JudgedJoint {
 struct JudgedProblem {
   robot::KernelModel model;  // its pointers are not used
   size_t links_at, theta_0_at, joints_at;
-  size_t hull_at[4];   // dʳβ_c/dsʳ bounded by MotionBasis::hull(parts, r), row by row
-  size_t tables_at;    // β_c, β_c′ and β_c″ of each sample in turn
-  size_t weights_at;   // of the samples
-  size_t exact_at[2];  // β_c″ and β_c‴ at `degree` nodes
+  size_t hull_at[4];    // dʳβ_c/dsʳ bounded by MotionBasis::hull(parts, r), row by row
+  size_t points_at[4];  // control points of dʳβ_c/dsʳ, row by row
+  size_t tables_at;     // β_c, β_c′ and β_c″ of each sample in turn
+  size_t weights_at;    // of the samples
+  size_t exact_at[2];   // β_c″ and β_c‴ at `degree` nodes
   size_t exact_weights_at;
   size_t from_at, to_at;  // lists of `starts` and `goals` postures
   int n, columns, boundary, redundant, degree, parts, samples;
@@ -54,6 +55,6 @@ struct JudgedProblem {
 /// What is told of motion i of a batch of `count`, at [k · count + i]: k = 0 the kinematic violation, 1 that of torques, 2 the bound that is exceeded
 /// most as `bound · n + joint`, or kUndecided, then its costs, NaN where a kinematic bound is exceeded.
 constexpr int kVerdictCosts = 3;
-constexpr double kUndecided = -1;  // needs the exact search between the samples, or is not finite
+constexpr double kUndecided = -1;  // a derivative is too close to its bound, or something is not finite
 
 }  // namespace cotwin::optimisation

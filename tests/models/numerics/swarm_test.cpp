@@ -187,6 +187,35 @@ TEST(Swarm, GivesTheSameBitsOnAnyNumberOfThreads) {
   EXPECT_EQ(result(8), one);
 }
 
+TEST(Swarm, GivesTheSameBitsWhereARoundIsLookedAtTogether) {
+  const Swarm::Cost cost = cost_of(rastrigin, 6);
+  SwarmOptions options;
+  options.rounds = 200;
+  options.particles = 40;
+  options.stagnation_rounds = 20;
+  Swarm apart(all(6, -5), all(6, 5), cost, options);
+  apart.run();
+  std::vector<double> costs(40);
+  std::atomic<int> prepared = 0;
+  int rounds = 0;
+  Threads threads(2);
+  Swarm swarm(
+      all(6, -5), all(6, 5),
+      [&](std::size_t block, std::size_t count, const double*, std::size_t, double* result) {
+        std::copy_n(costs.data() + block * kSwarmBlock, count, result);
+      },
+      options);
+  swarm.set_together(
+      [&](std::size_t block, const double* x, std::size_t stride) {
+        cost(block, kSwarmBlock, x, stride, costs.data() + block * kSwarmBlock);
+        ++prepared;
+      },
+      [&] { EXPECT_EQ(prepared, 5 * ++rounds); });
+  swarm.run(&threads);
+  EXPECT_EQ(rounds, 200);
+  EXPECT_EQ(swarm.state(), apart.state());
+}
+
 TEST(Swarm, GoesOnFromASavedStateToTheSameBits) {
   SwarmOptions options;
   options.rounds = 200;

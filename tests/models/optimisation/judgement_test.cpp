@@ -155,7 +155,7 @@ TEST_F(Judgement, HasTheFiguresOfTheEvaluator) {
         else
           ++(verdicts.torque(k) > 0 ? weak : feasible);
       }
-      EXPECT_LT(open, 200u) << robot;
+      EXPECT_EQ(open, 0u) << robot;
       for (const std::size_t count : {pruned, weak, feasible}) EXPECT_GT(count, 40u) << robot;
     }
 }
@@ -234,6 +234,76 @@ TEST_F(Judgement, GrowsWhatTheProcessorGrows) {
     EXPECT_NEAR(particles[k].torque, expected[k].torque, 1e-12 * (1 + expected[k].torque));
   }
   EXPECT_GT(compared, 50u);
+}
+
+TEST_F(Judgement, HasTheFiguresOfAGivenRound) {
+  Case c = case_of("kr300_r2500");
+  c.problem.ends.dq_from.assign(6, 0.1);
+  const Evaluator evaluator(c.problem);
+  constexpr std::size_t kBlocks = 60;
+  JudgedBlocks judged(evaluator, kBlocks, open_device());
+  c.drawing.from.list = {c.problem.ends.q_from};
+  std::vector<Motions> motions(kBlocks, evaluator.motions());
+  for (std::size_t k = 0; k < kBlocks; ++k) {
+    for (std::size_t lane = 0; lane < kLanes; ++lane)
+      draw(c.problem, c.drawing, static_cast<std::uint32_t>(k * kLanes + lane), motions[k], lane);
+    judged.put(k, motions[k]);
+  }
+  judged.judge();
+  const auto scratch = evaluator.scratch();
+  Values values = evaluator.values(), expected = evaluator.values();
+  std::size_t kept = 0;
+  for (std::size_t k = 0; k < kBlocks; ++k) {
+    judged.take(k, motions[k], *scratch, values);
+    evaluator.evaluate(motions[k], *scratch, expected);
+    EXPECT_EQ(values.pruned, expected.pruned);
+    for (std::size_t lane = 0; lane < kLanes; ++lane) {
+      EXPECT_NEAR(values.kinematic[lane], expected.kinematic[lane], 1e-12 * (1 + expected.kinematic[lane]));
+      EXPECT_NEAR(values.torque[lane], expected.torque[lane], 1e-12 * (1 + expected.torque[lane]));
+      if (expected.pruned[lane]) continue;
+      ++kept;
+      for (std::size_t i = lane; i < values.costs.size(); i += kLanes)
+        EXPECT_NEAR(values.costs[i], expected.costs[i], 1e-12 * std::abs(expected.costs[i])) << i / kLanes;
+    }
+  }
+  EXPECT_GT(kept, 100u);
+}
+
+TEST_F(Judgement, SearchesWithASwarmOnTheDevice) {
+  Case c = case_of("planar2");
+  Problem& p = c.problem;
+  p.costs = {{Quantity::kTorque, 1, {}}};
+  p.samples = 24;
+  SearchOptions o;
+  o.particles = 64;
+  o.rounds = 40;
+  std::vector<std::string> told;
+  o.on_device = [&](const std::string& device, const std::string& reason) { told.push_back(device + reason); };
+  const Solution here = minimise(p, o);
+  EXPECT_TRUE(told.empty()) << "64 particles are not worth a device";
+  o.device = DeviceUse::kGpu;
+  const Solution there = minimise(p, o);
+  ASSERT_EQ(there.status, Status::kFeasible);
+  EXPECT_NEAR(there.cost, here.cost, 1e-6 * here.cost);
+  EXPECT_THAT(told, ::testing::ElementsAre("stand-in of a GPU"));
+  numerics::Threads threads(3);
+  const Solution again = minimise(p, o, &threads);
+  EXPECT_EQ(again.c, there.c);
+  EXPECT_EQ(again.history, there.history);
+  call<void(int)>("stand_in_fail")(40);
+  EXPECT_THAT(error_of([&] { (void)minimise(p, o); }), HasSubstr("CUDA_ERROR_INVALID_VALUE"));
+  o.device = DeviceUse::kAuto;
+  o.particles = 10000;
+  o.rounds = 4;
+  o.refine = false;
+  told.clear();
+  call<void(int)>("stand_in_fail")(25);
+  const Solution without = minimise(p, o);
+  ASSERT_EQ(told.size(), 2u);
+  EXPECT_EQ(told[0], "stand-in of a GPU");
+  EXPECT_THAT(told[1], HasSubstr("CUDA_ERROR_INVALID_VALUE"));
+  o.device = DeviceUse::kCpu;
+  EXPECT_NEAR(minimise(p, o).cost, without.cost, 1e-9 * without.cost);
 }
 
 TEST_F(Judgement, HasTheSameBitsInBlocksOfAnySize) {

@@ -272,6 +272,7 @@ Json answer_grow(const Robot& robot, Reader& r, const Context& context) {
   p.samples = static_cast<std::size_t>(r.integer("samples", 8, 1000, 50, "of the torques of a motion"));
   optimisation::GrowthOptions o;
   std::tie(o.motions, o.seed) = read_draws(r);
+  o.device = read_device(r, "auto: a GPU for a million motions and more, if there is one");
   o.best = static_cast<std::size_t>(r.integer("best", 1, 1000, 3, "motions that are told of each cost"));
   const JointUnits units(robot.model);
   o.c_max = units.read(r, "c_r_max", 0, true,
@@ -356,6 +357,7 @@ Json answer_grow(const Robot& robot, Reader& r, const Context& context) {
     if (!grid.places.empty() || h.goals.size() > 1) reply["goals"] = goals_json(robot, p, o.to, h, grid, detail);
   }
   add_notes(reply, notes);
+  tell_device(reply, h.device, h.not_device);
   return reply;
 }
 

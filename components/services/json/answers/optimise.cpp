@@ -229,6 +229,7 @@ Json answer_optimise(const Robot& robot, Reader& r, const Context& context) {
   options.particles = r.integer("particles", 8, 100000, 200);
   options.rounds = r.integer("rounds", 1, 100000, 500);
   options.seed = static_cast<std::uint64_t>(r.integer("seed", 0, 2147483647, 1));
+  options.device = read_device(r, "auto: a GPU for 10000 particles and more, if there is one");
   options.refine = r.boolean("refine", true, "Newton's method after the swarm");
   options.evaluations = static_cast<std::uint64_t>(
       r.integer("evaluations_max", 1, 1000000000, 10000000, "motions that are tried before the search ends early"));
@@ -264,6 +265,14 @@ Json answer_optimise(const Robot& robot, Reader& r, const Context& context) {
                              : lexicographic ? costs * (end ? kSearchesToPose : 1)
                              : end           ? kSearchesToPose
                                              : 1;
+  std::string device, not_device;  // of the last search
+  options.on_device = [&](const std::string& name, const std::string& reason) {
+    if (!name.empty()) device = name;
+    not_device = reason;
+  };
+  const auto tell = [&](Json& reply) {
+    if (!device.empty() || !not_device.empty()) tell_device(reply, device, not_device);
+  };
   Progress progress(context, searches * options.rounds, options.refine || verify ? 0.9 : 1);
   options.on_round = progress.on_round();
   std::optional<optimisation::ParticleTable> table;
@@ -286,6 +295,7 @@ Json answer_optimise(const Robot& robot, Reader& r, const Context& context) {
     }
     Json reply = front_of(robot, m, p, particles, complete, detail);
     add_notes(reply, notes);
+    tell(reply);
     return reply;
   }
 
@@ -335,6 +345,7 @@ Json answer_optimise(const Robot& robot, Reader& r, const Context& context) {
   if (clear) (void)clear->judge(s.path, reply);
   if (!dropped.empty()) notes.push_back(dropped);
   add_notes(reply, notes);
+  tell(reply);
   if (p.T_min < p.T_max)
     if (const std::string note = creeping(p, s); !note.empty()) add_notes(reply, {note});
   if (end && !end->has_freedom) add_notes(reply, {"to_pose leaves the joints no freedom: the end posture is the given one"});
