@@ -216,7 +216,10 @@ struct DeviceJudge::Impl {
 DeviceJudge::DeviceJudge(const Evaluator& evaluator, const Drawing& drawing, std::size_t most,
                          std::shared_ptr<numerics::Device> device)
     : impl_(std::make_unique<Impl>(evaluator, drawing, mechanism_of(evaluator.problem()), std::max(most, kCompared), device)) {
-  compare(evaluator, drawing);
+  constexpr double kMost = 1e-9;
+  if (const double by = difference(evaluator, drawing); !(by <= kMost))
+    refuse(this->device() + " differs by " + text::to_text(by, 3) + " from this processor on " + std::to_string(kCompared) +
+           " motions, expected at most 1e-09");
 }
 
 DeviceJudge::~DeviceJudge() = default;
@@ -247,28 +250,28 @@ void DeviceJudge::finish(Verdicts& verdicts) {
   verdicts.count_ = impl_->begun;
 }
 
-void DeviceJudge::compare(const Evaluator& e, const Drawing& drawing) {
-  constexpr double kMost = 1e-9;
+double DeviceJudge::difference(const Evaluator& e, const Drawing& drawing, std::uint32_t begin, std::size_t count) {
   const std::size_t terms = e.problem().costs.size(), n = e.joints();
   Verdicts verdicts;
-  start(0, kCompared);
+  start(begin, count);
   finish(verdicts);
   const auto scratch = e.scratch();
   Motions motions = room_for(e.problem());
   Values values = e.values();
-  // Costs near zero are compared with what they are of the motions before.
-  std::vector<double> usual(terms);
-  for (std::size_t first = 0; first < kCompared; first += kLanes) {
-    for (std::size_t lane = 0; lane < kLanes; ++lane)
-      draw(e.problem(), drawing, static_cast<std::uint32_t>(first + lane), motions, lane);
+  double largest = 0;
+  std::vector<double> usual(terms);  // costs near zero are compared with what they are of the motions before
+  for (std::size_t first = 0; first < count; first += kLanes) {
+    motions.count = std::min(kLanes, count - first);
+    for (std::size_t lane = 0; lane < motions.count; ++lane)
+      draw(e.problem(), drawing, begin + static_cast<std::uint32_t>(first + lane), motions, lane);
     e.evaluate(motions, *scratch, values);
-    for (std::size_t lane = 0; lane < kLanes; ++lane) {
+    for (std::size_t lane = 0; lane < motions.count; ++lane) {
       const std::size_t k = first + lane;
       if (verdicts.open(k)) continue;
       const auto differs = [&](double own, double right, double size) {
         if (own == right || (std::isnan(own) && std::isnan(right))) return;
         const double by = std::abs(own - right) / std::max(std::abs(right), size);
-        difference_ = by <= difference_ ? difference_ : std::isnan(by) ? std::numeric_limits<double>::infinity() : by;
+        largest = std::isnan(by) ? std::numeric_limits<double>::infinity() : std::max(largest, by);
       };
       differs(verdicts.kinematic(k), values.kinematic[lane], 1);
       differs(verdicts.torque(k), values.torque[lane], 1);
@@ -278,12 +281,10 @@ void DeviceJudge::compare(const Evaluator& e, const Drawing& drawing) {
         differs(verdicts.cost(term, k), right, 1e-3 * usual[term]);
         if (!pruned) usual[term] = std::max(usual[term], std::abs(right));
       }
-      if (!(verdicts.worst(k) < 5 * n)) difference_ = std::numeric_limits<double>::infinity();
+      if (!(verdicts.worst(k) < 5 * n)) largest = std::numeric_limits<double>::infinity();
     }
   }
-  if (!(difference_ <= kMost))
-    refuse(device() + " differs by " + text::to_text(difference_, 3) + " from this processor on " + std::to_string(kCompared) +
-           " motions, expected at most 1e-09");
+  return largest;
 }
 
 namespace {

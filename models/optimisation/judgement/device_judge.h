@@ -44,8 +44,8 @@ class DeviceJudge {
   ~DeviceJudge();
 
   const std::string& device() const;
-  /// The largest relative difference of that comparison.
-  double difference() const { return difference_; }
+  /// The largest relative difference to `evaluator` among the drawn motions first … first + count − 1, without those that are open.
+  double difference(const Evaluator& evaluator, const Drawing& drawing, std::uint32_t first = 0, std::size_t count = kCompared);
 
   /// Begins with the drawn motions first … first + count − 1.
   void start(std::uint32_t first, std::size_t count, unsigned block = 128);
@@ -56,13 +56,11 @@ class DeviceJudge {
   void finish(Verdicts& verdicts);
 
  private:
-  void compare(const Evaluator& evaluator, const Drawing& drawing);
 
   void launch(unsigned long long given, std::uint32_t first, std::size_t count, unsigned block);
 
   struct Impl;
   std::unique_ptr<Impl> impl_;
-  double difference_ = 0;
 };
 
 /// Blocks of kLanes motions of a problem, as a swarm has them, that a device judges together.

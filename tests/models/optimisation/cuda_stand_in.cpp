@@ -1,12 +1,13 @@
 // A stand-in of the driver's library of NVIDIA's GPUs: its memory is that of the process, and its programs are the entries of judgement.inc,
 // compiled for this processor. Any call can be made to fail, and what was taken and not given back is counted.
+#include <atomic>
 #include <cstdlib>
 #include <cstring>
 #include <map>
 #include <string>
 
 namespace {
-unsigned thread_number = 0;
+thread_local unsigned thread_number = 0;
 }
 
 #define COTWIN_ONE_LANE
@@ -25,10 +26,10 @@ using Entry = void (*)(const double*, unsigned, unsigned, const double*, double*
 constexpr int kOutOfMemory = 2, kInvalid = 1;
 constexpr double kNoDamage = 1;
 
-int calls = 0, failing = 0;  // failing: the number of the call, from 1
-int taken = 0;               // contexts, modules and parts of memory
+std::atomic<int> calls = 0;
+int failing = 0;             // the number of the call, from 1
+std::atomic<int> taken = 0;  // contexts, modules and parts of memory
 double damage = kNoDamage;   // factor of the last figure of a batch
-std::map<const void*, std::string> modules;
 std::string failed;
 
 bool fails(const char* name) {
@@ -88,6 +89,11 @@ EXPORT int cuMemFree_v2(unsigned long long address) {
   --taken;
   return 0;
 }
+EXPORT int cuMemGetInfo_v2(std::size_t* free, std::size_t* total) {
+  *total = 1000;
+  *free = *total - static_cast<std::size_t>(taken);
+  return 0;
+}
 EXPORT int cuMemcpyHtoD_v2(unsigned long long to, const void* from, std::size_t bytes) {
   if (fails("cuMemcpyHtoD_v2")) return kInvalid;
   std::memcpy(reinterpret_cast<void*>(to), from, bytes);
@@ -100,9 +106,7 @@ EXPORT int cuMemcpyDtoH_v2(void* to, unsigned long long from, std::size_t bytes)
 }
 EXPORT int cuModuleLoadDataEx(void** module, const void* text, unsigned, int*, void**) {
   if (fails("cuModuleLoadDataEx")) return kInvalid;
-  const char* ptx = static_cast<const char*>(text);
-  modules[ptx] = ptx;
-  *module = const_cast<char*>(ptx);
+  *module = const_cast<void*>(text);
   ++taken;
   return 0;
 }
@@ -111,7 +115,8 @@ EXPORT int cuModuleUnload(void*) {
   return 0;
 }
 EXPORT int cuModuleGetFunction(void** entry, void* module, const char* name) {
-  if (fails("cuModuleGetFunction") || modules[module].find(".visible .entry " + std::string(name) + "(") == std::string::npos)
+  if (fails("cuModuleGetFunction") ||
+      std::string(static_cast<const char*>(module)).find(".visible .entry " + std::string(name) + "(") == std::string::npos)
     return kInvalid;
   static const std::map<std::string, Entry> entries{{"judge_tree", judge_tree},
                                                     {"judge_chain", judge_chain},

@@ -6,9 +6,11 @@
 #include <gmock/gmock.h>
 
 #include <cmath>
+#include <cstdlib>
+#include <iostream>
 #include <regex>
 #include <set>
-#include <sstream>
+#include <thread>
 
 #include "models/foundation/support/error.h"
 #include "models/optimisation/growth/growth.h"
@@ -140,8 +142,9 @@ TEST_F(Judgement, HasTheFiguresOfTheEvaluator) {
       const Case c = case_of(robot, bus);
       const Evaluator evaluator(c.problem);
       DeviceJudge judge(evaluator, c.drawing, 1, open_device());
-      EXPECT_LT(judge.difference(), 1e-12) << robot;
-      EXPECT_GT(judge.difference(), 0) << robot;
+      const double difference = judge.difference(evaluator, c.drawing);
+      EXPECT_LT(difference, 1e-12) << robot;
+      EXPECT_GT(difference, 0) << robot;
       Verdicts verdicts;
       judge.start(0, DeviceJudge::kCompared);
       judge.finish(verdicts);
@@ -163,7 +166,8 @@ TEST_F(Judgement, HasTheFiguresOfTheEvaluator) {
 // From a posture or several, to several or a box; without torques; ends that move; few and many coefficients.
 TEST_F(Judgement, HasThemForProblemsOfEveryKind) {
   const auto difference = [](const Case& c) {
-    return DeviceJudge(Evaluator(c.problem), c.drawing, 1, open_device()).difference();
+    const Evaluator evaluator(c.problem);
+    return DeviceJudge(evaluator, c.drawing, 1, open_device()).difference(evaluator, c.drawing);
   };
   Case c = case_of("iiwa14");
   std::swap(c.drawing.from, c.drawing.to);
@@ -423,6 +427,63 @@ TEST_F(Judgement, RefusesAGpuWithOtherFiguresAndWhatItDoesNotKnow) {
   own.problem.bounds = bounds_of(own.problem.robot);
   own.problem.costs = {{Quantity::kTime, 1, {}}};
   EXPECT_EQ(refusal(own), "GPU: judges robots of at most 16 joints, this one has 17");
+}
+
+/// A number from the environment, of scripts/gpu_check.sh.
+std::uint32_t number_of(const char* name, std::uint32_t standard) {
+  const char* given = std::getenv(name);
+  return given ? static_cast<std::uint32_t>(std::stoul(given)) : standard;
+}
+
+class RealDevice : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    try {
+      device_ = open_device();
+    } catch (const numerics::DeviceError& error) {
+      GTEST_SKIP() << error.what();
+    }
+    if (device_->name().starts_with("stand-in") && !std::getenv("GPU_CHECK_MOTIONS"))
+      GTEST_SKIP() << "no GPU, but its stand-in";
+    std::cout << "GPU: " << device_->name() << "\n";
+  }
+  std::shared_ptr<numerics::Device> device_;
+};
+
+TEST_F(RealDevice, HasTheFiguresOfTheProcessor) {
+  constexpr std::uint32_t kPart = 1 << 14;
+  const std::uint32_t motions = number_of("GPU_CHECK_MOTIONS", 1000000);
+  numerics::Threads threads(static_cast<int>(std::max(1u, std::thread::hardware_concurrency())));
+  for (const char* robot : {"iiwa14", "kr300_r2500", "planar2", "tree"}) {
+    const Case c = case_of(robot);
+    const Evaluator evaluator(c.problem);
+    std::vector<double> largest((motions + kPart - 1) / kPart);
+    threads.run(largest.size(), [&](std::size_t k) {
+      DeviceJudge judge(evaluator, c.drawing, kPart, device_);
+      largest[k] = judge.difference(evaluator, c.drawing, static_cast<std::uint32_t>(k) * kPart, kPart);
+    });
+    const double difference = *std::ranges::max_element(largest);
+    std::cout << robot << ": " << largest.size() * kPart << " motions differ by at most " << difference << "\n";
+    EXPECT_LT(difference, 1e-12) << robot;
+  }
+}
+
+TEST_F(RealDevice, KeepsNoMemory) {
+  void* const driver = dlopen("libcuda.so.1", RTLD_NOW);
+  const auto info = reinterpret_cast<int (*)(std::size_t*, std::size_t*)>(dlsym(driver, "cuMemGetInfo_v2"));
+  ASSERT_NE(info, nullptr);
+  const Case c = case_of("planar2");
+  const Evaluator evaluator(c.problem);
+  const auto left_after = [&](std::uint32_t calls) {
+    for (std::uint32_t k = 0; k < calls; ++k) (void)DeviceJudge(evaluator, c.drawing, 1, device_);
+    std::size_t free = 0, total = 0;
+    EXPECT_EQ(info(&free, &total), 0);
+    return free;
+  };
+  const std::size_t before = left_after(10);
+  const std::uint32_t calls = number_of("GPU_CHECK_CALLS", 1000);
+  EXPECT_GE(left_after(calls), before);
+  std::cout << calls << " calls keep no memory of the GPU\n";
 }
 
 // What the driver would find only on a machine with a GPU: functions that nobody defines, and single precision.
