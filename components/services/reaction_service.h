@@ -4,7 +4,7 @@
 #include <optional>
 #include <vector>
 
-#include "models/optimisation/problem.h"
+#include "models/optimisation/evaluation/problem.h"
 #include "models/trajectory/trajectory.h"
 
 namespace cotwin::services {

@@ -10,7 +10,7 @@
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
 #include "models/numerics/batch.h"
-#include "models/optimisation/quadrature.h"
+#include "models/optimisation/evaluation/quadrature.h"
 #include "models/robot/drives/rigid_friction.h"
 #include "models/robot/dynamics.h"
 #include "models/trajectory/bernstein.h"

@@ -4,7 +4,7 @@
 #include <functional>
 #include <vector>
 
-#include "models/optimisation/evaluation.h"
+#include "models/optimisation/evaluation/evaluation.h"
 
 namespace cotwin::optimisation {
 

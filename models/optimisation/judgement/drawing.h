@@ -2,7 +2,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "models/optimisation/evaluation.h"
+#include "models/optimisation/evaluation/evaluation.h"
 
 namespace cotwin::optimisation {
 

@@ -7,7 +7,7 @@
 
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/threads.h"
-#include "models/optimisation/problem.h"
+#include "models/optimisation/evaluation/problem.h"
 #include "models/robot/inverse_kinematics.h"
 #include "models/trajectory/series/series.h"
 

@@ -7,7 +7,7 @@
 
 #include "models/foundation/formats/parameter_set.h"
 #include "models/foundation/support/text.h"
-#include "models/optimisation/problem.h"
+#include "models/optimisation/evaluation/problem.h"
 
 /// The values of an energy.ssv that the cost "energy" uses.
 namespace cotwin::optimisation::testing {

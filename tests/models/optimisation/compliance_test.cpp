@@ -6,7 +6,7 @@
 
 #include "components/services/services.h"
 #include "models/foundation/support/error.h"
-#include "models/optimisation/compliance.h"
+#include "models/optimisation/evaluation/compliance.h"
 
 namespace cotwin::optimisation::compliance_test {
 namespace {

@@ -9,7 +9,7 @@
 #include "components/services/contact_service.h"
 #include "components/services/services.h"
 #include "models/foundation/support/error.h"
-#include "models/optimisation/quadrature.h"
+#include "models/optimisation/evaluation/quadrature.h"
 #include "models/optimisation/search.h"
 #include "models/robot/urdf/urdf.h"
 #include "models/trajectory/bernstein.h"

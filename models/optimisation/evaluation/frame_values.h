@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "models/numerics/second_order.h"
-#include "models/optimisation/compliance.h"
+#include "models/optimisation/evaluation/compliance.h"
 #include "models/robot/body_parts.h"
 #include "models/robot/frame_kinematics.h"
 #include "models/robot/indices.h"

@@ -7,8 +7,8 @@
 #include <vector>
 
 #include "models/energetics/books.h"
-#include "models/optimisation/frame_values.h"
-#include "models/optimisation/motion_basis.h"
+#include "models/optimisation/evaluation/frame_values.h"
+#include "models/optimisation/evaluation/motion_basis.h"
 #include "models/robot/changes/loads.h"
 #include "models/robot/robot_model.h"
 
@@ -16,7 +16,7 @@
 /// end posture minimise a cost within bounds.
 ///   problem.h     the motion to be found: ends, bounds, costs
 ///   evaluation.h  costs and violated bounds of eight motions at once
-///   search.h      particle swarm, lexicographic order of costs, Pareto front
+///   ../search.h   particle swarm, lexicographic order of costs, Pareto front
 namespace cotwin::optimisation {
 
 /// Bounds of joints, n each; +∞: none.

@@ -5,9 +5,9 @@
 #include <memory>
 #include <vector>
 
-#include "models/optimisation/drive_power.h"
-#include "models/optimisation/problem.h"
-#include "models/optimisation/quadrature.h"
+#include "models/optimisation/evaluation/drive_power.h"
+#include "models/optimisation/evaluation/problem.h"
+#include "models/optimisation/evaluation/quadrature.h"
 #include "models/robot/changes/loads.h"
 
 namespace cotwin::optimisation {

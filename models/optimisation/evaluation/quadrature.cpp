@@ -1,4 +1,4 @@
-#include "models/optimisation/quadrature.h"
+#include "models/optimisation/evaluation/quadrature.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "models/optimisation/motion_basis.h"
+#include "models/optimisation/evaluation/motion_basis.h"
 
 #include <algorithm>
 

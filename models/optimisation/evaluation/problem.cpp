@@ -1,4 +1,4 @@
-#include "models/optimisation/problem.h"
+#include "models/optimisation/evaluation/problem.h"
 
 #include <algorithm>
 #include <cmath>

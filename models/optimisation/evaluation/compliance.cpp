@@ -1,4 +1,4 @@
-#include "models/optimisation/compliance.h"
+#include "models/optimisation/evaluation/compliance.h"
 
 #include <algorithm>
 #include <cmath>

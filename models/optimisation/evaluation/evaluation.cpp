@@ -1,4 +1,4 @@
-#include "models/optimisation/evaluation.h"
+#include "models/optimisation/evaluation/evaluation.h"
 
 #include <algorithm>
 #include <cmath>

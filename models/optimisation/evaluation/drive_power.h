@@ -3,7 +3,7 @@
 #include <span>
 #include <vector>
 
-#include "models/optimisation/problem.h"
+#include "models/optimisation/evaluation/problem.h"
 
 namespace cotwin::optimisation {
 

@@ -1,4 +1,4 @@
-#include "models/optimisation/drive_power.h"
+#include "models/optimisation/evaluation/drive_power.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "models/optimisation/frame_values.h"
+#include "models/optimisation/evaluation/frame_values.h"
 
 #include <algorithm>
 #include <cmath>
