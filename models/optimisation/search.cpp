@@ -77,7 +77,7 @@ class Search {
     }
     if (options.device == DeviceUse::kGpu || (options.device == DeviceUse::kAuto && options.particles >= kForDevice))
       try_device([&] {
-        judged_ = std::make_unique<JudgedBlocks>(evaluator_, blocks, numerics::Device::shared());
+        judged_ = std::make_unique<JudgedBlocks>(evaluator_, blocks, device_for(options.device));
         if (options_.on_device) options_.on_device(judged_->device(), "");
       });
   }

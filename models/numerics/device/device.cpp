@@ -50,6 +50,7 @@ struct Device::Driver {
     COTWIN_TAKE(cuGetErrorName);
     COTWIN_TAKE(cuDeviceGet);
     COTWIN_TAKE(cuDeviceGetName);
+    COTWIN_TAKE(cuDeviceGetAttribute);
     COTWIN_TAKE(cuDevicePrimaryCtxRetain);
     COTWIN_TAKE(cuDevicePrimaryCtxRelease);
     COTWIN_TAKE(cuCtxSetCurrent);
@@ -69,6 +70,7 @@ struct Device::Driver {
   int (*cuGetErrorName)(int, const char**);
   int (*cuDeviceGet)(int*, int);
   int (*cuDeviceGetName)(char*, int, int);
+  int (*cuDeviceGetAttribute)(int*, int, int);
   int (*cuDevicePrimaryCtxRetain)(void**, int);
   int (*cuDevicePrimaryCtxRelease)(int);
   int (*cuCtxSetCurrent)(void*);
@@ -104,6 +106,8 @@ Device::Device() : driver_(std::make_unique<Driver>()) {
   char name[256] = {};
   COTWIN_CALL(d, cuDeviceGetName, name, sizeof name - 1, d.device);
   name_ = name;
+  constexpr int kSingleToDoublePrecisionPerfRatio = 87;
+  COTWIN_CALL(d, cuDeviceGetAttribute, &single_to_double_, kSingleToDoublePrecisionPerfRatio, d.device);
   COTWIN_CALL(d, cuDevicePrimaryCtxRetain, &d.context, d.device);
 }
 

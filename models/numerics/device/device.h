@@ -25,6 +25,8 @@ class Device {
   static std::shared_ptr<Device> shared();
 
   const std::string& name() const { return name_; }  // "NVIDIA H100 80GB HBM3"
+  /// How many times as fast single precision is: 2 for GPUs of data centres, 32 or 64 for others.
+  int single_to_double() const { return single_to_double_; }
 
   struct Driver;
 
@@ -33,6 +35,7 @@ class Device {
   friend class DeviceProgram;
   std::unique_ptr<Driver> driver_;
   std::string name_;
+  int single_to_double_ = 0;
 };
 
 /// Memory of a device.

@@ -144,7 +144,7 @@ Harvest grow(const Problem& problem, const GrowthOptions& o, numerics::Threads* 
   };
   if (o.device == DeviceUse::kGpu || (o.device == DeviceUse::kAuto && o.motions >= kForDevice)) {
     try {
-      judge = std::make_unique<DeviceJudge>(evaluator, o, kSlots * kPerSlotOfDevice, numerics::Device::shared());
+      judge = std::make_unique<DeviceJudge>(evaluator, o, kSlots * kPerSlotOfDevice, device_for(o.device));
       h.device = judge->device();
     } catch (const numerics::DeviceError& error) {
       without_device(error);

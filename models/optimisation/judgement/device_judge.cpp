@@ -193,6 +193,15 @@ const char* program_for(const robot::Mechanism& m) {
 
 }  // namespace
 
+std::shared_ptr<numerics::Device> device_for(DeviceUse use) {
+  constexpr int kFast = 4;
+  std::shared_ptr<numerics::Device> device = numerics::Device::shared();
+  if (use == DeviceUse::kAuto && device->single_to_double() > kFast)
+    refuse(device->name() + " is " + std::to_string(device->single_to_double()) +
+           " times slower in double precision than in single, and taken only for device gpu");
+  return device;
+}
+
 struct DeviceJudge::Impl {
   Impl(const Evaluator& e, const Drawing& d, const robot::Mechanism& m, std::size_t most,
        const std::shared_ptr<numerics::Device>& on)

@@ -9,8 +9,10 @@
 
 namespace cotwin::optimisation {
 
-/// Which processor judges very many motions.
+/// Which processor judges very many motions: kAuto, a GPU that is fast in double precision, where there are enough motions for it.
 enum class DeviceUse { kAuto, kCpu, kGpu };
+/// The GPU for this use. Throws DeviceError.
+std::shared_ptr<numerics::Device> device_for(DeviceUse use);
 
 /// What a device found of a batch of motions.
 class Verdicts {

@@ -539,6 +539,51 @@ cotwin::services::Verification twin_of(const cotwin::services::Robot& robot, con
 }
 
 // The twin with elastic joints and LuGre friction does about what the rigid formula with Coulomb and viscous friction says.
+// A stand-in of the driver's library runs the GPU's programs on this processor.
+TEST(AskCommand, LetsAGpuJudgeTheMotions) {
+  const fs::path stand_in = fs::path(cotwin::places::program()).parent_path().parent_path() / "tests/stand_in";
+  std::string ratio = "2";
+  const auto ask = [&](std::vector<std::string> arguments, const std::string& fails = "0") {
+    arguments.insert(arguments.begin(), {"ask"});
+    return run_program(arguments, {.environment = {"LD_LIBRARY_PATH=" + stand_in.string(), "STAND_IN_FAILS=" + fails,
+                                                   "STAND_IN_RATIO=" + ratio}});
+  };
+  const auto grow = [&](const std::string& device, const std::string& fails = "0") {
+    return ask({"grow", "--robot", "planar2", "--from", "0,0.3", "--to", "1,-0.4", "--device", device, "--with",
+                R"({"T_min_s":0.5,"T_max_s":3,"motions":3000})"},
+               fails);
+  };
+  json here = json::parse(grow("cpu").out), there = json::parse(grow("gpu").out);
+  EXPECT_EQ(here["device"], "cpu");
+  EXPECT_EQ(there["device"], "stand-in of a GPU");
+  EXPECT_EQ(json::parse(grow("auto").out)["device"], "cpu") << "3000 motions are not worth a GPU";
+  EXPECT_EQ(here["feasible_motions"], there["feasible_motions"]);
+  EXPECT_EQ(here["forbidden"], there["forbidden"]);
+  EXPECT_EQ(here["front"], there["front"]);
+  const auto failed = grow("gpu", "1");
+  EXPECT_EQ(failed.code, 2);
+  EXPECT_EQ(failed.err, "cotwin: /device: is gpu, expected auto or cpu: GPU: cuInit: CUDA_ERROR_INVALID_VALUE\n");
+  const auto optimise = [&](const std::string& fails) {
+    return json::parse(ask({"optimise", "--robot", "planar2", "--from", "0,0.3", "--to", "1,-0.4", "--with",
+                            R"({"T_min_s":1,"particles":10000,"rounds":2,"refine":false})"},
+                           fails)
+                           .out);
+  };
+  EXPECT_EQ(optimise("0")["device"], "stand-in of a GPU");
+  const auto expect_none = [&](const std::string& fails, const std::string& reason) {
+    const json without = optimise(fails);
+    EXPECT_EQ(without["device"], "cpu");
+    EXPECT_THAT(without["notes"].dump(), HasSubstr("device: this processor: GPU: " + reason));
+  };
+  expect_none("2", "cuDeviceGet: CUDA_ERROR_INVALID_VALUE");
+  ratio = "64";
+  EXPECT_EQ(json::parse(grow("gpu").out)["device"], "stand-in of a GPU");
+  expect_none("0", "stand-in of a GPU is 64 times slower in double precision than in single, and taken only for device gpu");
+  const auto refused =
+      ask({"jerk", "--from", "0,0,0,0,0,0,0", "--to", "0.1,0,0,0,0,0,0", "--duration", "1", "--device", "gpu"});
+  EXPECT_THAT(refused.err, HasSubstr("--device: is given for the service jerk, expected it with grow or optimise"));
+}
+
 TEST(Verify, AgreesWithTheRigidPredictionOfASmoothMove) {
   Robots robots({robots_folder()});
   const auto robot = robots.find("lwr4");

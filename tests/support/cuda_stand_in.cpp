@@ -27,9 +27,10 @@ constexpr int kOutOfMemory = 2, kInvalid = 1;
 constexpr double kNoDamage = 1;
 
 std::atomic<int> calls = 0;
-int failing = 0;             // the number of the call, from 1
+int failing = std::getenv("STAND_IN_FAILS") ? std::atoi(std::getenv("STAND_IN_FAILS")) : 0;  // the number of the call, from 1
 std::atomic<int> taken = 0;  // contexts, modules and parts of memory
-double damage = kNoDamage;   // factor of the last figure of a batch
+int ratio = std::getenv("STAND_IN_RATIO") ? std::atoi(std::getenv("STAND_IN_RATIO")) : 2;  // single to double precision
+double damage = kNoDamage;  // factor of the last figure of a batch
 std::string failed;
 
 bool fails(const char* name) {
@@ -65,6 +66,10 @@ EXPORT int cuDeviceGetName(char* name, int size, int device) {
   if (fails("cuDeviceGetName") || device != 7) return kInvalid;
   std::strncpy(name, "stand-in of a GPU", static_cast<std::size_t>(size));
   return 0;
+}
+EXPORT int cuDeviceGetAttribute(int* value, int attribute, int) {
+  *value = ratio;
+  return fails("cuDeviceGetAttribute") || attribute != 87 ? kInvalid : 0;
 }
 EXPORT int cuDevicePrimaryCtxRetain(void** context, int) {
   if (fails("cuDevicePrimaryCtxRetain")) return kInvalid;
