@@ -46,8 +46,7 @@ class Block {
   std::size_t add(const std::vector<double>& values) { return add(values.data(), values.size()); }
   /// The rows of a matrix.
   std::size_t add(const numerics::BatchMatrix& A) {
-    std::vector<double> rows(A.rows() * A.columns()), x(A.columns()), y(A.room());
-    std::vector<double> unit(A.columns() * kLanes);
+    std::vector<double> rows(A.rows() * A.columns()), y(A.room()), unit(A.columns() * kLanes);
     for (std::size_t c = 0; c < A.columns(); ++c) {
       std::fill(unit.begin(), unit.end(), 0.0);
       unit[c * kLanes] = 1;
@@ -72,6 +71,7 @@ std::vector<double> rows_of(const std::vector<std::vector<double>>& list) {
 }
 
 robot::Mechanism mechanism_of(const Problem& p) {
+  if (p.compliant) refuse("judges no compliance");
   if (p.loads.wrench || !p.loads.breaks().empty()) refuse("judges no loads that come and go, and no wrench");
   robot::Mechanism mechanism(robot::loaded(p.robot, p.loads, 0));
   if (mechanism.impl().coupling) refuse("judges no robots with mimic joints");

@@ -413,6 +413,12 @@ TEST_F(Judgement, RefusesAGpuWithOtherFiguresAndWhatItDoesNotKnow) {
   own.problem.costs.push_back(
       {Quantity::kPower, 1, [](std::size_t n, const double*, const double*, double* power) { std::fill_n(power, n, 1.0); }});
   EXPECT_EQ(refusal(own), "GPU: judges no power");
+  own = c;
+  own.problem.compliant.emplace();
+  own.problem.compliant->frame = own.problem.robot.frames.front();
+  own.problem.compliant->axes = {{Eigen::Vector3d::UnitX(), {1, 1, 1}, {2, 2, 2}}};
+  own.problem.compliant->load = own.problem.compliant->settled = 1;
+  EXPECT_EQ(refusal(own), "GPU: judges no compliance");
   std::string chain = "<robot name=\"long\"><link name=\"l0\"/>";
   for (int i = 1; i <= 17; ++i) {
     const std::string k = std::to_string(i), before = std::to_string(i - 1);
