@@ -268,6 +268,7 @@ double DeviceJudge::difference(const Evaluator& e, const Drawing& drawing, std::
   Motions motions = room_for(e.problem());
   Values values = e.values();
   double largest = 0;
+  constexpr double kNothing = 1e-6;  // J, s, …: such costs are rounding, as those of a motion that stays
   std::vector<double> usual(terms);  // costs near zero are compared with what they are of the motions before
   for (std::size_t first = 0; first < count; first += kLanes) {
     motions.count = std::min(kLanes, count - first);
@@ -287,7 +288,7 @@ double DeviceJudge::difference(const Evaluator& e, const Drawing& drawing, std::
       const bool pruned = values.pruned[lane];
       for (std::size_t term = 0; term < terms; ++term) {
         const double right = pruned ? std::numeric_limits<double>::quiet_NaN() : values.costs[term * kLanes + lane];
-        differs(verdicts.cost(term, k), right, 1e-3 * usual[term]);
+        differs(verdicts.cost(term, k), right, std::max(1e-3 * usual[term], kNothing));
         if (!pruned) usual[term] = std::max(usual[term], std::abs(right));
       }
       if (!(verdicts.worst(k) < 5 * n)) largest = std::numeric_limits<double>::infinity();

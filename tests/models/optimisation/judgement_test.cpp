@@ -194,6 +194,11 @@ TEST_F(Judgement, HasThemForProblemsOfEveryKind) {
   c.problem.ends.dq_from.assign(6, 0.1);
   c.problem.ends.ddq_to.assign(6, -0.3);
   EXPECT_LT(difference(c), 1e-12);
+  c = case_of("iiwa14");  // stays where it is
+  c.problem.degree = 5;
+  c.problem.ends.q_to = c.problem.ends.q_from;
+  c.drawing.to = c.drawing.from;
+  EXPECT_LT(difference(c), 1e-10) << "rounding alone";
 }
 
 TEST_F(Judgement, GrowsWhatTheProcessorGrows) {
