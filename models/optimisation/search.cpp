@@ -78,7 +78,7 @@ class Search {
     if (options.device == DeviceUse::kGpu || (options.device == DeviceUse::kAuto && options.particles >= kForDevice))
       try_device([&] {
         judged_ = std::make_unique<JudgedBlocks>(evaluator_, blocks, device_for(options.device));
-        if (options_.on_device) options_.on_device(judged_->device(), "");
+        if (options_.on_device) options_.on_device(judged_->judge().device(), judged_->judge().rounding(), "");
       });
   }
 
@@ -151,7 +151,7 @@ class Search {
     } catch (const numerics::DeviceError& error) {
       if (options_.device == DeviceUse::kGpu) throw;
       judged_.reset();
-      if (options_.on_device) options_.on_device("", error.what());
+      if (options_.on_device) options_.on_device("", 0, error.what());
     }
   }
 
@@ -541,7 +541,7 @@ class Search {
             if (judged_) judged_->put(block, motions_[block]);
           },
           [&] {
-            if (judged_) try_device([&] { judged_->judge(); });
+            if (judged_) try_device([&] { judged_->run(); });
           });
     bool more = true;
     for (int round = 0; more && going_; ++round) {

@@ -41,8 +41,8 @@ struct SearchOptions {
   double limit = std::numeric_limits<double>::infinity();  // s of real time, the same; the result then depends on the machine
   /// kAuto: a GPU for 10⁴ particles and more, if there is one; kGpu: one for any number, or an Error. The refinement is the processor's.
   DeviceUse device = DeviceUse::kAuto;
-  /// Called with the GPU that judges the particles from now on; or with "" and the reason why this processor does.
-  std::function<void(const std::string& device, const std::string& reason)> on_device = {};
+  /// Called with the GPU that judges the particles from now on and its DeviceJudge::rounding(); or with "" and the reason why this processor does.
+  std::function<void(const std::string& device, double rounding, const std::string& reason)> on_device = {};
   /// Called between Newton's steps of the refinement; ends the search by returning false.
   std::function<bool()> on_step = {};
   /// Called after each round; ends the search by returning false.

@@ -72,8 +72,9 @@ optimisation::DeviceUse read_device(Reader& r, const char* worth) {
                          : optimisation::DeviceUse::kGpu;
 }
 
-void tell_device(Json& reply, const std::string& device, const std::string& reason) {
+void tell_device(Json& reply, const std::string& device, double rounding, const std::string& reason) {
   reply["device"] = device.empty() ? "cpu" : device;
+  if (!device.empty()) reply["device_rounding"] = rounding;
   if (!reason.empty())
     add_notes(reply, {"device: " + std::string(device.empty() ? "" : "in part ") + "this processor: " + reason});
 }

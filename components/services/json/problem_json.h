@@ -19,8 +19,8 @@ std::pair<std::uint32_t, std::uint64_t> read_draws(Reader& r);
 std::function<void(std::uint32_t done)> percent_of(const Context& context, std::uint32_t motions);
 /// The member "device": which processor judges motions. `worth`: from how many on a GPU is worth its opening.
 optimisation::DeviceUse read_device(Reader& r, const char* worth);
-/// Tells which one did, by its name, and why this processor did in place of a GPU.
-void tell_device(Json& reply, const std::string& device, const std::string& reason);
+/// Tells which one did, by its name, how much a GPU differs from this processor, and why this processor did in its place.
+void tell_device(Json& reply, const std::string& device, double rounding, const std::string& reason);
 /// [{"joint", "bound", "motions", "share"}] of optimisation::Harvest::forbidden, or of its first bound alone, most frequent first.
 Json forbidden_json(const robot::RobotModel& robot, const std::vector<std::uint32_t>& forbidden, std::uint32_t motions);
 /// {"least", "mean", "most", "quantiles", "histogram"}, the last from the detail series on; null without values.

@@ -243,7 +243,8 @@ const std::pair<const char*, Json (*)()> kReplies[] = {
        Object shares;
        for (const char* name : kCosts) shares.may(name, kNumberOrNull);
        o.may("saved_share", kNumberOrNull).may("saved_shares", shares).may("limiting", limiting()).may("motion", motion());
-       o.may("device", described(kText, "that judged the particles, where a GPU was wanted: its name, or cpu"));
+       o.may("device", described(kText, "that judged the particles, where a GPU was wanted: its name, or cpu"))
+           .may("device_rounding", kNumber);
        o.may("evaluations", {{"type", "integer"}}).may("pruned", {{"type", "integer"}}).may("joints", peaks());
        o.may("clear_of", clear_of())
            .may("history", kNumbers)
@@ -296,6 +297,7 @@ const std::pair<const char*, Json (*)()> kReplies[] = {
                                         "motions that are not feasible, by the bound that they exceed most"))
            .must("costs", distributions)
            .may("device", described(kText, "that judged the motions: the name of a GPU, or cpu"))
+           .may("device_rounding", described(kNumber, "largest relative difference to the processor on 4096 motions"))
            .may("ends", described(ends, "constraint base: corners of the places at which the frame ends or begins"))
            .may("front", described(motions, "none is better than another in all costs"))
            .may("goals", described(goals, "of each posture of a list or place of a grid, x first"));

@@ -146,6 +146,7 @@ Harvest grow(const Problem& problem, const GrowthOptions& o, numerics::Threads* 
     try {
       judge = std::make_unique<DeviceJudge>(evaluator, o, kSlots * kPerSlotOfDevice, device_for(o.device));
       h.device = judge->device();
+      h.rounding = judge->rounding();
     } catch (const numerics::DeviceError& error) {
       without_device(error);
     }

@@ -49,6 +49,7 @@ class Distribution {
 struct Harvest {
   std::uint32_t motions = 0, feasible = 0;
   std::string device;      // the GPU that judged them; empty: this processor
+  double rounding = 0;     // DeviceJudge::rounding()
   std::string not_device;  // why this processor did, where a GPU was wanted
   /// Motions that are not feasible, by the bound that they exceed most, of those that were looked at: that of joint j at [d · n + j], d: q, dq, ddq, dddq, tau.
   std::vector<std::uint32_t> forbidden;

@@ -40,12 +40,15 @@ class DeviceJudge {
  public:
   static constexpr std::size_t kCompared = 4096;
 
-  /// Of motions that are drawn, at most `most` at a time. Compares the device with `evaluator` on the first kCompared before any other use. Throws DeviceError for what
-  /// the judgement does not know of this problem, for failures of the device, and for one whose figures differ by more than 1e-9.
+  /// Of motions that are drawn, at most `most` at a time. Compares the device with `evaluator` on the first kCompared before any other use. Throws
+  /// DeviceError for what the judgement does not know of this problem, for failures of the device, and for one whose figures differ by more than 1e-6:
+  /// at degree 31 rounding alone is 1e-8.
   DeviceJudge(const Evaluator& evaluator, const Drawing& drawing, std::size_t most, std::shared_ptr<numerics::Device> device);
   ~DeviceJudge();
 
   const std::string& device() const;
+  /// difference() of the first kCompared.
+  double rounding() const { return rounding_; }
   /// The largest relative difference to `evaluator` among the drawn motions first … first + count − 1, without those that are open.
   double difference(const Evaluator& evaluator, const Drawing& drawing, std::uint32_t first = 0, std::size_t count = kCompared);
 
@@ -58,11 +61,11 @@ class DeviceJudge {
   void finish(Verdicts& verdicts);
 
  private:
-
   void launch(unsigned long long given, std::uint32_t first, std::size_t count, unsigned block);
 
   struct Impl;
   std::unique_ptr<Impl> impl_;
+  double rounding_ = 0;
 };
 
 /// Blocks of kLanes motions of a problem, as a swarm has them, that a device judges together.
@@ -71,10 +74,10 @@ class JudgedBlocks {
   /// Throws DeviceError as DeviceJudge does.
   JudgedBlocks(const Evaluator& evaluator, std::size_t blocks, std::shared_ptr<numerics::Device> device);
 
-  const std::string& device() const { return judge_.device(); }
+  const DeviceJudge& judge() const { return judge_; }
   /// May be called for different blocks from several threads, as take().
   void put(std::size_t block, const Motions& motions);
-  void judge();
+  void run();
   /// What evaluate() finds of the motions of put(), but Values::worst.
   void take(std::size_t block, const Motions& motions, Evaluator::Scratch& scratch, Values& values) const;
 

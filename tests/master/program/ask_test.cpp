@@ -556,6 +556,8 @@ TEST(AskCommand, LetsAGpuJudgeTheMotions) {
   json here = json::parse(grow("cpu").out), there = json::parse(grow("gpu").out);
   EXPECT_EQ(here["device"], "cpu");
   EXPECT_EQ(there["device"], "stand-in of a GPU");
+  EXPECT_LT(there["device_rounding"].get<double>(), 1e-12);
+  EXPECT_FALSE(here.contains("device_rounding"));
   EXPECT_EQ(json::parse(grow("auto").out)["device"], "cpu") << "3000 motions are not worth a GPU";
   EXPECT_EQ(here["feasible_motions"], there["feasible_motions"]);
   EXPECT_EQ(here["forbidden"], there["forbidden"]);

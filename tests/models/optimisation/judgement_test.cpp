@@ -258,7 +258,7 @@ TEST_F(Judgement, HasTheFiguresOfAGivenRound) {
       draw(c.problem, c.drawing, static_cast<std::uint32_t>(k * kLanes + lane), motions[k], lane);
     judged.put(k, motions[k]);
   }
-  judged.judge();
+  judged.run();
   const auto scratch = evaluator.scratch();
   Values values = evaluator.values(), expected = evaluator.values();
   std::size_t kept = 0;
@@ -287,7 +287,7 @@ TEST_F(Judgement, SearchesWithASwarmOnTheDevice) {
   o.particles = 64;
   o.rounds = 40;
   std::vector<std::string> told;
-  o.on_device = [&](const std::string& device, const std::string& reason) { told.push_back(device + reason); };
+  o.on_device = [&](const std::string& device, double, const std::string& reason) { told.push_back(device + reason); };
   const Solution here = minimise(p, o);
   EXPECT_TRUE(told.empty()) << "64 particles are not worth a device";
   o.device = DeviceUse::kGpu;
@@ -406,7 +406,7 @@ TEST_F(Judgement, RefusesAGpuWithOtherFiguresAndWhatItDoesNotKnow) {
     return error_of([&] { DeviceJudge judge(Evaluator(own.problem), own.drawing, 1, open_device()); });
   };
   EXPECT_EQ(refusal(c), "no error");
-  for (const double factor : {1 + 1e-7, 0.0, -1.0, std::numeric_limits<double>::quiet_NaN()}) {
+  for (const double factor : {1 + 1e-5, 0.0, -1.0, std::numeric_limits<double>::quiet_NaN()}) {
     call<void(double)>("stand_in_damage")(factor);
     EXPECT_THAT(refusal(c), HasSubstr("GPU: stand-in of a GPU differs by ")) << factor;
   }

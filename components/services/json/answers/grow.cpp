@@ -357,7 +357,7 @@ Json answer_grow(const Robot& robot, Reader& r, const Context& context) {
     if (!grid.places.empty() || h.goals.size() > 1) reply["goals"] = goals_json(robot, p, o.to, h, grid, detail);
   }
   add_notes(reply, notes);
-  tell_device(reply, h.device, h.not_device);
+  tell_device(reply, h.device, h.rounding, h.not_device);
   return reply;
 }
 

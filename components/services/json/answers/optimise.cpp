@@ -266,12 +266,14 @@ Json answer_optimise(const Robot& robot, Reader& r, const Context& context) {
                              : end           ? kSearchesToPose
                                              : 1;
   std::string device, not_device;  // of the last search
-  options.on_device = [&](const std::string& name, const std::string& reason) {
+  double rounding = 0;
+  options.on_device = [&](const std::string& name, double by, const std::string& reason) {
     if (!name.empty()) device = name;
+    rounding = std::max(rounding, by);
     not_device = reason;
   };
   const auto tell = [&](Json& reply) {
-    if (!device.empty() || !not_device.empty()) tell_device(reply, device, not_device);
+    if (!device.empty() || !not_device.empty()) tell_device(reply, device, rounding, not_device);
   };
   Progress progress(context, searches * options.rounds, options.refine || verify ? 0.9 : 1);
   options.on_round = progress.on_round();
