@@ -4,10 +4,11 @@
 #include <cstdlib>
 #include <cstring>
 #include <map>
+#include <mutex>
 #include <string>
 
 namespace {
-thread_local unsigned thread_number = 0;
+unsigned thread_number = 0;
 }
 
 #define COTWIN_ONE_LANE
@@ -142,6 +143,8 @@ EXPORT int cuLaunchKernel(void* entry, unsigned grid, unsigned, unsigned, unsign
   get(2, count);
   get(3, given);
   get(4, out);
+  static std::mutex mutex;  // of thread_number
+  const std::lock_guard lock(mutex);
   for (thread_number = 0; thread_number < grid * block; ++thread_number)
     reinterpret_cast<Entry>(entry)(problem, first, count, given, out);
   const int terms = reinterpret_cast<const cotwin::optimisation::JudgedProblem*>(problem)->terms;
