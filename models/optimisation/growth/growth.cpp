@@ -40,6 +40,14 @@ struct Slot {
   std::vector<double> kinematic, torque, costs;  // costs: of motion k at [k · terms]
   std::vector<std::size_t> worst;                // bound · n + joint
   std::vector<char> promising;                   // may belong to the front
+
+  void resize(std::size_t count, std::size_t terms) {
+    kinematic.resize(count);
+    torque.resize(count);
+    costs.resize(count * terms);
+    worst.resize(count);
+    promising.resize(count);
+  }
 };
 
 void check(const Problem& p, const GrowthOptions& o) {
@@ -118,159 +126,165 @@ Round::Particle grown(const Problem& problem, const GrowthOptions& options, std:
   return p;
 }
 
-Harvest grow(const Problem& problem, const GrowthOptions& o, numerics::Threads* threads) {
-  check(problem, o);
-  numerics::Threads alone(1);
-  if (!threads) threads = &alone;
-  const Evaluator evaluator(problem);
-  const std::size_t n = evaluator.joints(), terms = problem.costs.size();
-  Harvest h;
-  h.forbidden.resize(5 * n);
-  h.costs.resize(terms);
-  h.goals.assign(o.to.list.size(), {0, std::vector<double>(terms, std::numeric_limits<double>::infinity())});
-  Archive front(kFront);
+namespace {
+
+/// Draws motions in batches: a device, if there is one, judges the next batch while threads look at what it found of this one and judge what it left.
+class Growing {
+ public:
+  Growing(const Problem& problem, const GrowthOptions& options, numerics::Threads& threads)
+      : problem_(problem), o_(options), threads_(threads), evaluator_(problem), terms_(problem.costs.size()), best_(terms_) {
+    h_.forbidden.resize(5 * evaluator_.joints());
+    h_.costs.resize(terms_);
+    h_.goals.assign(o_.to.list.size(), {0, std::vector<double>(terms_, std::numeric_limits<double>::infinity())});
+    if (o_.device == DeviceUse::kGpu || (o_.device == DeviceUse::kAuto && o_.motions >= kForDevice))
+      try_device([&] {
+        judge_ = std::make_unique<DeviceJudge>(evaluator_, o_, kSlots * kPerSlotOfDevice, device_for(o_.device));
+        h_.device = judge_->device();
+        h_.rounding = judge_->rounding();
+      });
+    per_slot_ = judge_ ? kPerSlotOfDevice : kPerSlot;
+    slots_.resize(std::min<std::size_t>(kSlots, (o_.motions + per_slot_ - 1) / per_slot_));
+    for (Slot& s : slots_) {
+      s.scratch = evaluator_.scratch();
+      s.motions = evaluator_.motions();
+      s.values = evaluator_.values();
+    }
+  }
+
+  Harvest run() {
+    begin_on_device(0);
+    for (first_ = 0; first_ < o_.motions; first_ += count_) {
+      count_ = batch_from(first_);
+      verdicts_.clear();
+      if (judge_) try_device([&] { judge_->finish(verdicts_); });
+      begin_on_device(first_ + count_);
+      threads_.run((count_ + per_slot_ - 1) / per_slot_, [&](std::size_t slot) { evaluate(slot); });
+      take_batch();
+      if (o_.on_progress) o_.on_progress(static_cast<std::uint32_t>(first_ + count_));
+    }
+    choose_best();
+    return std::move(h_);
+  }
+
+ private:
   struct Candidate {
     double cost;
     std::uint32_t number;
     auto operator<=>(const Candidate&) const = default;
   };
-  // Twice as many as are wanted, since assess() may find some infeasible.
-  std::vector<std::vector<Candidate>> best(terms);
-  std::unique_ptr<DeviceJudge> judge;
-  const auto without_device = [&](const numerics::DeviceError& error) {
-    if (o.device == DeviceUse::kGpu) throw error;
-    judge.reset();
-    h.not_device = error.what();
-  };
-  if (o.device == DeviceUse::kGpu || (o.device == DeviceUse::kAuto && o.motions >= kForDevice)) {
+
+  /// Does without the device if it fails.
+  template <class Work>
+  void try_device(Work work) {
     try {
-      judge = std::make_unique<DeviceJudge>(evaluator, o, kSlots * kPerSlotOfDevice, device_for(o.device));
-      h.device = judge->device();
-      h.rounding = judge->rounding();
+      work();
     } catch (const numerics::DeviceError& error) {
-      without_device(error);
+      if (o_.device == DeviceUse::kGpu) throw;
+      judge_.reset();
+      h_.not_device = error.what();
     }
   }
-  const std::size_t per_slot = judge ? kPerSlotOfDevice : kPerSlot;
-  std::vector<Slot> slots(std::min<std::size_t>(kSlots, (o.motions + per_slot - 1) / per_slot));
-  for (Slot& s : slots) {
-    s.scratch = evaluator.scratch();
-    s.motions = evaluator.motions();
-    s.values = evaluator.values();
+
+  std::size_t batch_from(std::size_t begin) const { return std::min(kSlots * per_slot_, o_.motions - begin); }
+
+  void begin_on_device(std::size_t first) {
+    if (judge_ && first < o_.motions) try_device([&] { judge_->start(static_cast<std::uint32_t>(first), batch_from(first)); });
   }
 
-  std::uint32_t first = 0;  // of the batch
-  Verdicts verdicts;        // of the batch; empty without a device
-  const auto evaluate = [&](std::size_t slot) {
-    Slot& s = slots[slot];
-    const std::size_t begin = slot * per_slot, count = std::min<std::size_t>(per_slot, o.motions - first - begin);
-    for (auto* list : {&s.kinematic, &s.torque}) list->resize(count);
-    s.costs.resize(count * terms);
-    s.worst.resize(count);
-    s.promising.resize(count);
+  /// Finds the values of the motions of a slot, from the device or by the evaluator.
+  void evaluate(std::size_t slot) {
+    Slot& s = slots_[slot];
+    const std::size_t begin = slot * per_slot_, count = std::min(per_slot_, count_ - begin);
+    s.resize(count, terms_);
     std::array<std::size_t, kLanes> places{};  // of the motions in the lanes
     s.motions.count = 0;
-    const auto evaluate_lanes = [&] {
-      evaluator.evaluate(s.motions, *s.scratch, s.values);
-      for (std::size_t lane = 0; lane < s.motions.count; ++lane) {
-        const std::size_t k = places[lane];
-        s.kinematic[k] = s.values.kinematic[lane];
-        s.torque[k] = s.values.torque[lane];
-        s.worst[k] = static_cast<std::size_t>(s.values.worst[lane].bound) * n + s.values.worst[lane].joint;
-        for (std::size_t term = 0; term < terms; ++term)
-          s.costs[k * terms + term] =
-              s.values.pruned[lane] ? std::numeric_limits<double>::quiet_NaN() : s.values.costs[term * kLanes + lane];
-      }
-      s.motions.count = 0;
-    };
     for (std::size_t k = 0; k < count; ++k) {
       const std::size_t at = begin + k;
-      if (verdicts.count() > 0 && !verdicts.open(at)) {
-        s.kinematic[k] = verdicts.kinematic(at);
-        s.torque[k] = verdicts.torque(at);
-        s.worst[k] = verdicts.worst(at);
-        for (std::size_t term = 0; term < terms; ++term) s.costs[k * terms + term] = verdicts.cost(term, at);
+      if (verdicts_.count() > 0 && !verdicts_.open(at)) {
+        s.kinematic[k] = verdicts_.kinematic(at);
+        s.torque[k] = verdicts_.torque(at);
+        s.worst[k] = verdicts_.worst(at);
+        for (std::size_t term = 0; term < terms_; ++term) s.costs[k * terms_ + term] = verdicts_.cost(term, at);
         continue;
       }
       places[s.motions.count] = k;
-      draw(problem, o, static_cast<std::uint32_t>(first + at), s.motions, s.motions.count);
-      if (++s.motions.count == kLanes) evaluate_lanes();
+      draw(problem_, o_, static_cast<std::uint32_t>(first_ + at), s.motions, s.motions.count);
+      if (++s.motions.count == kLanes) evaluate_lanes(s, places);
     }
-    if (s.motions.count > 0) evaluate_lanes();
-    for (std::size_t k = 0; k < count; ++k) {
-      const double* const costs = s.costs.data() + k * terms;
+    evaluate_lanes(s, places);
+    for (std::size_t k = 0; k < count; ++k)
       s.promising[k] =
-          s.kinematic[k] == 0 && s.torque[k] == 0 && terms > 1 && !front.covers({costs, static_cast<std::size_t>(terms)});
+          s.kinematic[k] == 0 && s.torque[k] == 0 && terms_ > 1 && !front_.covers({s.costs.data() + k * terms_, terms_});
+  }
+
+  void evaluate_lanes(Slot& s, const std::array<std::size_t, kLanes>& places) const {
+    if (s.motions.count == 0) return;
+    evaluator_.evaluate(s.motions, *s.scratch, s.values);
+    for (std::size_t lane = 0; lane < s.motions.count; ++lane) {
+      const std::size_t k = places[lane];
+      s.kinematic[k] = s.values.kinematic[lane];
+      s.torque[k] = s.values.torque[lane];
+      s.worst[k] = static_cast<std::size_t>(s.values.worst[lane].bound) * evaluator_.joints() + s.values.worst[lane].joint;
+      for (std::size_t term = 0; term < terms_; ++term)
+        s.costs[k * terms_ + term] =
+            s.values.pruned[lane] ? std::numeric_limits<double>::quiet_NaN() : s.values.costs[term * kLanes + lane];
     }
-  };
-  const auto take = [&](const Slot& s, std::size_t k, std::uint32_t number) {
-    ++h.motions;
+    s.motions.count = 0;
+  }
+
+  void take_batch() {
+    Round round;
+    for (std::size_t i = 0; i < count_; ++i) {
+      const Slot& s = slots_[i / per_slot_];
+      const std::size_t k = i % per_slot_;
+      const auto number = static_cast<std::uint32_t>(first_ + i);
+      take(s, k, number);
+      if (!o_.on_batch) continue;
+      Round::Particle& p = round.particles.emplace_back(grown(problem_, o_, number));
+      p.kinematic = s.kinematic[k];
+      p.torque = s.torque[k];
+      p.costs.assign(s.costs.data() + k * terms_, s.costs.data() + (k + 1) * terms_);
+      if (round.particles.size() < kSlots * kPerSlot && i + 1 < count_) continue;
+      o_.on_batch(round);
+      round.particles.clear();
+    }
+  }
+
+  void take(const Slot& s, std::size_t k, std::uint32_t number) {
+    ++h_.motions;
     if (s.kinematic[k] != 0 || s.torque[k] != 0) {
-      ++h.forbidden[s.worst[k]];
+      ++h_.forbidden[s.worst[k]];
       return;
     }
-    ++h.feasible;
-    const double* const costs = s.costs.data() + k * terms;
-    for (std::size_t term = 0; term < terms; ++term) {
-      h.costs[term].add(costs[term]);
-      auto& own = best[term];
+    ++h_.feasible;
+    const double* const costs = s.costs.data() + k * terms_;
+    for (std::size_t term = 0; term < terms_; ++term) {
+      h_.costs[term].add(costs[term]);
+      auto& own = best_[term];
       const Candidate candidate{costs[term], number};
-      if (own.size() == 2 * o.best && !(candidate < own.back())) continue;
-      if (own.size() == 2 * o.best) own.pop_back();
+      // Twice as many as are wanted, since assess() may find some infeasible.
+      if (own.size() == 2 * o_.best && !(candidate < own.back())) continue;
+      if (own.size() == 2 * o_.best) own.pop_back();
       own.insert(std::ranges::upper_bound(own, candidate), candidate);
     }
-    if (!h.goals.empty()) {
-      Harvest::Goal& goal = h.goals[number % h.goals.size()];
+    if (!h_.goals.empty()) {
+      Harvest::Goal& goal = h_.goals[number % h_.goals.size()];
       ++goal.feasible;
-      for (std::size_t term = 0; term < terms; ++term) goal.least[term] = std::min(goal.least[term], costs[term]);
+      for (std::size_t term = 0; term < terms_; ++term) goal.least[term] = std::min(goal.least[term], costs[term]);
     }
     if (!s.promising[k]) return;
     Round::Particle particle;
     particle.number = number;
-    particle.costs.assign(costs, costs + terms);
-    front.add(particle);
-  };
-  const auto batch_from = [&](std::size_t begin) { return std::min(kSlots * per_slot, o.motions - begin); };
-  const auto on_device = [&](auto&& work) {
-    if (!judge) return;
-    try {
-      work();
-    } catch (const numerics::DeviceError& error) {
-      without_device(error);
-    }
-  };
-  on_device([&] { judge->start(0, batch_from(0)); });
-  while (first < o.motions) {
-    const std::size_t count = batch_from(first), next = first + count;
-    verdicts.clear();
-    on_device([&] {
-      judge->finish(verdicts);
-      if (next < o.motions) judge->start(static_cast<std::uint32_t>(next), batch_from(next));
-    });
-    threads->run((count + per_slot - 1) / per_slot, evaluate);
-    Round round;
-    for (std::size_t i = 0; i < count; ++i) {
-      const Slot& s = slots[i / per_slot];
-      const std::size_t k = i % per_slot;
-      const auto number = static_cast<std::uint32_t>(first + i);
-      take(s, k, number);
-      if (!o.on_batch) continue;
-      Round::Particle& p = round.particles.emplace_back(grown(problem, o, number));
-      p.kinematic = s.kinematic[k];
-      p.torque = s.torque[k];
-      p.costs.assign(s.costs.begin() + static_cast<std::ptrdiff_t>(k * terms),
-                     s.costs.begin() + static_cast<std::ptrdiff_t>((k + 1) * terms));
-    }
-    if (o.on_batch) o.on_batch(round);
-    first += static_cast<std::uint32_t>(count);
-    if (o.on_progress) o.on_progress(first);
+    particle.costs.assign(costs, costs + terms_);
+    front_.add(particle);
   }
 
-  const auto assessed = [&](const std::vector<std::uint32_t>& numbers) {
+  /// Motions as assess() sees them at no fewer samples than Problem has by itself, without those that it finds infeasible.
+  std::vector<Round::Particle> assessed(const std::vector<std::uint32_t>& numbers) const {
     std::vector<std::optional<Round::Particle>> all(numbers.size());
-    threads->run(numbers.size(), [&](std::size_t k) {
-      Round::Particle p = grown(problem, o, numbers[k]);
-      Problem exact = problem;
+    threads_.run(numbers.size(), [&](std::size_t k) {
+      Round::Particle p = grown(problem_, o_, numbers[k]);
+      Problem exact = problem_;
       exact.samples = std::max(exact.samples, Problem().samples);
       exact.ends.q_from = p.q_from;
       const Solution found = assess(exact, p.c, p.q_to, p.T);
@@ -281,21 +295,44 @@ Harvest grow(const Problem& problem, const GrowthOptions& o, numerics::Threads* 
     for (auto& particle : all)
       if (particle) kept.push_back(std::move(*particle));
     return kept;
-  };
-  std::vector<std::uint32_t> numbers;
-  for (std::size_t term = 0; term < terms; ++term) {
-    numbers.clear();
-    for (const Candidate& candidate : best[term]) numbers.push_back(candidate.number);
-    std::vector<Round::Particle>& kept = h.best.emplace_back(assessed(numbers));
-    std::ranges::sort(kept, {}, [&](const Round::Particle& p) { return std::pair(p.costs[term], p.number); });
-    if (kept.size() > o.best) kept.resize(o.best);
   }
-  numbers.clear();
-  for (const Round::Particle& member : front.members()) numbers.push_back(static_cast<std::uint32_t>(member.number));
-  Archive checked;
-  for (const Round::Particle& particle : assessed(numbers)) checked.add(particle);
-  h.front = checked.members();
-  return h;
+
+  void choose_best() {
+    std::vector<std::uint32_t> numbers;
+    for (std::size_t term = 0; term < terms_; ++term) {
+      numbers.clear();
+      for (const Candidate& candidate : best_[term]) numbers.push_back(candidate.number);
+      std::vector<Round::Particle>& kept = h_.best.emplace_back(assessed(numbers));
+      std::ranges::sort(kept, {}, [&](const Round::Particle& p) { return std::pair(p.costs[term], p.number); });
+      if (kept.size() > o_.best) kept.resize(o_.best);
+    }
+    numbers.clear();
+    for (const Round::Particle& member : front_.members()) numbers.push_back(static_cast<std::uint32_t>(member.number));
+    Archive checked;
+    for (const Round::Particle& particle : assessed(numbers)) checked.add(particle);
+    h_.front = checked.members();
+  }
+
+  const Problem& problem_;
+  const GrowthOptions& o_;
+  numerics::Threads& threads_;
+  Evaluator evaluator_;
+  std::size_t terms_;
+  Harvest h_;
+  Archive front_{kFront};
+  std::vector<std::vector<Candidate>> best_;  // of each cost, ascending
+  std::unique_ptr<DeviceJudge> judge_;
+  Verdicts verdicts_;  // of the batch; empty without a device
+  std::size_t per_slot_ = 0, first_ = 0, count_ = 0;
+  std::vector<Slot> slots_;
+};
+
+}  // namespace
+
+Harvest grow(const Problem& problem, const GrowthOptions& options, numerics::Threads* threads) {
+  check(problem, options);
+  numerics::Threads alone(1);
+  return Growing(problem, options, threads ? *threads : alone).run();
 }
 
 }  // namespace cotwin::optimisation

@@ -18,7 +18,7 @@ struct GrowthOptions : Drawing {
   DeviceUse device = DeviceUse::kAuto;
   /// Called after each batch with the number of motions so far; may throw.
   std::function<void(std::uint32_t done)> on_progress = {};
-  /// Called with each batch of motions in their order; may throw.
+  /// Called with all motions in their order, some thousands at a time; may throw.
   std::function<void(const Round&)> on_batch = {};
 };
 
