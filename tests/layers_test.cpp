@@ -155,6 +155,7 @@ const std::map<std::string, std::vector<std::string>> kRooms = {
       "scene/urdf",
       "trajectory",
       "trajectory/series",
+      "cloud",
       "collision",
       "collision/contact",
       "collision/cell",

@@ -6,24 +6,11 @@
 #include <string>
 #include <utility>
 
+#include "models/collision/descend.h"
 #include "models/foundation/support/error.h"
 
 namespace cotwin::collision {
-namespace {
-
 using Eigen::Vector3d;
-
-/// Rounding of lower bounds, relative.
-constexpr double kRounding = 1e-12;
-
-/// A lower bound of the distance of a ball from a box about the origin.
-double from_box(const Vector3d& half, const Vector3d& centre, double radius) {
-  const Vector3d beyond = centre.cwiseAbs() - half;
-  const double inside = beyond.maxCoeff();
-  return (inside > 0 ? beyond.cwiseMax(0).norm() : inside) - radius;
-}
-
-}  // namespace
 
 Body::Body(std::span<const scene::Shape> shapes) {
   std::vector<std::uint32_t> bounded;
@@ -110,6 +97,11 @@ void Finder::reserve(const Body& solid) {
 }
 
 Distance Finder::find(const Body& a, const Pose& X_WA, const Body& b, const Pose& X_WB, double most) {
+  if (b.points_ != nullptr) return from_cloud(a, X_WA, b, X_WB, most);
+  if (a.points_ != nullptr) {
+    const Distance back = from_cloud(b, X_WB, a, X_WA, most);
+    return {back.d, -back.n, back.p_b, back.p_a};
+  }
   Distance best = nearest(a, X_WA, b, X_WB, most);
   if (best.d <= 0) return best;
   if (a.bounds_) find_inside(a, X_WA, b, X_WB, most, best);
@@ -149,39 +141,10 @@ Distance Finder::nearest(const Body& a, const Pose& X_WA, const Body& b, const P
     for (std::uint32_t i = 0; i < a.pieces_.size(); ++i) try_pieces(i, j);
   }
   if (a.nodes_.empty() || b.nodes_.empty()) return best;
-  const Pose X_AB = X_WA.inverse() * X_WB;
-  const auto lower_bound = [&](const Body::Node& of_a, const Body::Node& of_b) {
-    const Vector3d b_in_A = X_AB * of_b.middle - of_a.middle;
-    const double balls = b_in_A.norm() - of_a.radius - of_b.radius;
-    if (balls > most) return balls;
-    const Vector3d a_in_B = -(X_AB.R.transpose() * b_in_A);
-    return std::max({balls, from_box(of_a.half, b_in_A, of_b.radius), from_box(of_b.half, a_in_B, of_a.radius)});
-  };
-  const auto last = [](const Body& solid) { return static_cast<std::int32_t>(solid.nodes_.size()) - 1; };
-  const auto at = [](const Body& solid, std::int32_t k) -> const Body::Node& {
-    return solid.nodes_[static_cast<std::size_t>(k)];
-  };
-  stack_.clear();
-  stack_.push_back({last(a), last(b), lower_bound(a.nodes_.back(), b.nodes_.back())});
-  while (!stack_.empty()) {
-    const Step step = stack_.back();
-    stack_.pop_back();
-    // Bounds of deep overlaps are equal to the depth up to rounding.
-    if (step.least > most + kRounding * std::abs(most)) continue;
-    const Body::Node &of_a = at(a, step.a), &of_b = at(b, step.b);
-    if (of_a.left < 0 && of_b.left < 0) {
-      try_pieces(of_a.piece, of_b.piece);
-      continue;
-    }
-    const bool divide_a = of_b.left < 0 || (of_a.left >= 0 && of_a.radius > of_b.radius);
-    Step near{divide_a ? of_a.left : step.a, divide_a ? step.b : of_b.left, 0};
-    Step far{divide_a ? of_a.right : step.a, divide_a ? step.b : of_b.right, 0};
-    near.least = lower_bound(at(a, near.a), at(b, near.b));
-    far.least = lower_bound(at(a, far.a), at(b, far.b));
-    if (far.least < near.least) std::swap(near, far);
-    stack_.push_back(far);
-    stack_.push_back(near);
-  }
+  descend(a, b, b.root(), X_WA.inverse() * X_WB, 0, most, [&](const Body::Node& of_a, const Body::Node& of_b) {
+    if (of_b.left < 0) try_pieces(of_a.piece, of_b.piece);
+    return true;
+  });
   return best;
 }
 

@@ -2,9 +2,11 @@
 #include <Eigen/Core>
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <span>
 #include <vector>
 
+#include "models/cloud/tree.h"
 #include "models/collision/nearest.h"
 #include "models/mechanics/pose.h"
 #include "models/scene/scene.h"
@@ -16,15 +18,21 @@ namespace cotwin::collision {
 /// inside, if each edge has as many triangles in one direction as in the other, or, with triangles that face the wrong way, an even number of them;
 /// otherwise it is a surface without solid. Inside is where the closed meshes wind around once or more; of those with triangles that face the wrong
 /// way, where a ray crosses them an odd number of times.
+/// Or the points of a cloud, with a ball around each. A cloud has no inside: what it encloses without touching a ball is clear.
 class Body {
  public:
   /// Throws Error for a hull without volume and for height fields.
   explicit Body(std::span<const scene::Shape> shapes);
+  /// A cloud; `radius` of the balls, m.
+  Body(std::shared_ptr<const cloud::Tree> points, double radius);
 
   /// `unscaled`, larger by the factor about the frame's origin. Allocates nothing if both have the same shapes.
   void set_scaled(const Body& unscaled, double factor);
 
-  bool empty() const { return pieces_.empty(); }
+  /// Of the balls of a cloud, m.
+  void set_ball(double radius);
+
+  bool empty() const { return pieces_.empty() && points_ == nullptr; }
   /// The radius of the ball about the frame's origin that encloses the shapes, m; infinity with a plane.
   double reach() const { return reach_; }
   /// A smaller ball around them: its middle in the frame of the body, and its radius.
@@ -46,6 +54,8 @@ class Body {
     std::int32_t left = -1, right = -1;  // nodes; -1: a leaf with `piece`
     std::uint32_t piece = 0;
   };
+  const Node& node(std::int32_t k) const { return nodes_[static_cast<std::size_t>(k)]; }
+  std::int32_t root() const { return static_cast<std::int32_t>(nodes_.size()) - 1; }
   struct Crossings {
     int around = 0, all = 0;
     bool certain = true;
@@ -66,6 +76,8 @@ class Body {
   double reach_ = 0, radius_ = 0;
   Eigen::Vector3d middle_ = Eigen::Vector3d::Zero();
   std::size_t depth_ = 0, corners_ = 0;  // of the tree; of the largest face
+  std::shared_ptr<const cloud::Tree> points_;
+  double ball_ = 0;
 };
 
 /// Finds the nearest points of two bodies.
@@ -76,7 +88,10 @@ class Finder {
   /// The distance of two bodies if it is at most `most`, otherwise infinity. Equal arguments give equal bits. Allocates nothing.
   /// Of a part that is inside a closed mesh of the other body without touching its surface it is -(its distance from the surface + its depth along
   /// n), with n towards the nearest point of the surface.
+  /// Two clouds have the distance infinity.
   Distance find(const Body& a, const Pose& X_WA, const Body& b, const Pose& X_WB, double most = scene::kInfinity);
+  /// Sets near[k] of the points of a cloud (in the order of its tree) whose distance from a body of shapes is at most `most`.
+  void find_near(const Body& body, const Pose& X_WB, const Body& cloud, const Pose& X_WC, double most, std::vector<char>& near);
 
  private:
   struct Step {
@@ -88,6 +103,17 @@ class Finder {
   Distance nearest(const Body& a, const Pose& X_WA, const Body& b, const Pose& X_WB, double most, std::uint32_t group = kAll);
   /// The deepest of the parts of b that are inside a without touching it, if it is deeper than `best`.
   void find_inside(const Body& a, const Pose& X_WA, const Body& b, const Pose& X_WB, double most, Distance& best);
+  /// Calls visit(leaf of a, node of b) from a node of b down for those that may be nearer than `most`, which visit() may lower; it returns whether to go
+  /// on down. b is larger by `grown`.
+  template <class Tree, class Visit>
+  void descend(const Body& a, const Tree& b, std::int32_t node, const Pose& X_AB, double grown, const double& most,
+               const Visit& visit);
+  // cloud.cpp; poses are in the frame C about the origin of the cloud
+  Distance from_cloud(const Body& a, const Pose& X_WA, const Body& cloud, const Pose& X_WC, double most);
+  /// From all points (node 0) or from one; `closed`: of the closed meshes of a.
+  Distance nearest_point(const Body& a, const Pose& X_CA, const Body& cloud, std::int32_t node, double most, bool closed);
+  void find_points_inside(const Body& a, const Pose& X_CA, const Body& cloud, std::int32_t node, double surface, double most,
+                          Distance& best);
 
   std::vector<Step> stack_;
   std::size_t depth_ = 0;  // of the deepest tree

@@ -76,13 +76,13 @@ Vector3d nearest_on_edge(const scene::Polytope& polytope, const scene::Polytope:
   return a + along * (square > 0 ? std::clamp((p - a).dot(along) / square, 0.0, 1.0) : 0.0);
 }
 
-Separation from_polytope(const scene::Polytope& polytope, const Vector3d& p) {
+Separation from_polytope(const scene::Polytope& polytope, const Vector3d& p, double enough) {
   Separation best{Vector3d::UnitZ(), -scene::kInfinity, Vector3d::Zero()};
   for (const scene::Polytope::Face& face : polytope.faces) {
     const double height = face.n.dot(p) - face.d;
     if (height > best.gap) best = {face.n, height, p};
   }
-  if (best.gap <= 0) return best;
+  if (best.gap <= 0 || best.gap > enough) return best;
   double least = scene::kInfinity;
   for (const scene::Polytope::Face& face : polytope.faces) {  // points above a face
     const double height = face.n.dot(p) - face.d;
@@ -95,11 +95,13 @@ Separation from_polytope(const scene::Polytope& polytope, const Vector3d& p) {
     }
     if (above) least = height, best = {face.n, height, p};
   }
+  double square = least * least;
+  const scene::Polytope::Edge* nearest = nullptr;
   for (const scene::Polytope::Edge& edge : polytope.edges) {
-    const Separation s = towards(nearest_on_edge(polytope, edge, p), p, best.n);
-    if (s.gap < least) least = s.gap, best = s;
+    const double own = (p - nearest_on_edge(polytope, edge, p)).squaredNorm();
+    if (own < square) square = own, nearest = &edge;
   }
-  return best;
+  return nearest == nullptr ? best : towards(nearest_on_edge(polytope, *nearest, p), p, best.n);
 }
 
 /// Separating axes of two boxes in frame A: C = R_AB, t = position of B's centre.
@@ -183,7 +185,7 @@ Separation over_edges(const scene::Polytope& a, const scene::Polytope& b, const 
 
 }  // namespace
 
-Separation of_point(const Placed& piece, const Vector3d& p) {
+Separation of_point(const Placed& piece, const Vector3d& p, double enough) {
   const Convex& c = *piece.convex;
   const Vector3d p_C = piece.R.transpose() * (p - piece.p);
   Separation s;
@@ -207,7 +209,7 @@ Separation of_point(const Placed& piece, const Vector3d& p) {
       s = towards(Vector3d::Zero(), p_C, Vector3d::UnitZ());
       break;
     case Core::kPolytope:
-      s = c.box ? from_box(c, p_C) : from_polytope(c.polytope, p_C);
+      s = c.box ? from_box(c, p_C) : from_polytope(c.polytope, p_C, enough);
       break;
   }
   s.n = piece.R * s.n;

@@ -12,8 +12,9 @@ struct Separation {
   Eigen::Vector3d p_b = Eigen::Vector3d::Zero();  // on b, nearest to a (or deepest in a); only where a function documents it
 };
 
-/// Separation with a point as b: its distance from a core (negative inside) and the outward unit normal there.
-Separation of_point(const Placed& piece, const Eigen::Vector3d& p);
+/// Separation with a point as b: its distance from a core (negative inside) and the outward unit normal there. If the distance is more than `enough`, it
+/// may be a lower bound above it instead: the distance from a plane that touches the core.
+Separation of_point(const Placed& piece, const Eigen::Vector3d& p, double enough = scene::kInfinity);
 
 /// The largest gap over the normals of faces and of pairs of edges (Gottschalk, Lin and Manocha 1996 for boxes; Gregorius 2013
 /// for the relevant pairs). Exact for interpenetrating polytopes, otherwise a lower bound of the distance. Returns at the first

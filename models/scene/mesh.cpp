@@ -11,6 +11,7 @@
 
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/file.h"
+#include "models/foundation/support/lines.h"
 #include "models/foundation/support/text.h"
 #include "models/scene/collada.h"
 #include "models/scene/hull.h"
@@ -50,56 +51,26 @@ std::vector<Vector3d> binary_stl(std::string_view bytes) {
   return points;
 }
 
-/// Splits text into lines of words.
-class Lines {
- public:
-  Lines(std::string_view bytes, const std::string& place) : bytes_(bytes), place_(place) {
-    if (bytes.starts_with("\xFF\xFE") || bytes.starts_with("\xFE\xFF"))
-      throw Error(place, "is UTF-16 text, expected ASCII or UTF-8");
-  }
-  bool next() {
-    if (bytes_.empty()) return false;
-    ++number_;
-    line_ = bytes_.substr(0, bytes_.find('\n'));
-    bytes_.remove_prefix(std::min(line_.size() + 1, bytes_.size()));
-    rest_ = line_ = text::trim(line_);
-    return true;
-  }
-  std::string_view word() {
-    constexpr std::string_view kBlanks = " \t\r";
-    rest_.remove_prefix(std::min(rest_.find_first_not_of(kBlanks), rest_.size()));
-    const std::string_view word = rest_.substr(0, rest_.find_first_of(kBlanks));
-    rest_.remove_prefix(word.size());
-    return word;
-  }
-  std::string_view line() const { return line_; }
-  [[noreturn]] void fail(std::string_view what, const std::string& expected) const {
-    throw Error(place_ + ":" + std::to_string(number_), "'" + std::string(what.substr(0, 60)) + "', expected " + expected);
-  }
-  Vector3d point() {
-    Vector3d p;
-    for (Eigen::Index i = 0; i < 3; ++i) {
-      const std::string_view one = word();
-      if (one.empty()) fail(line_, "three coordinates");
-      const std::optional<double> x = text::parse_real(one);
-      if (!x) fail(one, "a coordinate");
-      p[i] = *x;
-    }
-    return p;
-  }
+using text::Lines;
 
- private:
-  std::string_view bytes_, line_, rest_;
-  const std::string& place_;
-  std::size_t number_ = 0;
-};
+Vector3d point_of(Lines& lines) {
+  Vector3d p;
+  for (Eigen::Index i = 0; i < 3; ++i) {
+    const std::string_view one = lines.word();
+    if (one.empty()) lines.fail(lines.line(), "three coordinates");
+    const std::optional<double> x = text::parse_real(one);
+    if (!x) lines.fail(one, "a coordinate");
+    p[i] = *x;
+  }
+  return p;
+}
 
 std::vector<Vector3d> text_stl(std::string_view bytes, const std::string& place) {
   std::vector<Vector3d> points;
   for (Lines lines(bytes, place); lines.next();) {
     if (lines.word() != "vertex") continue;
     if (points.size() == kMostPoints) lines.fail("vertex", "fewer points");
-    points.push_back(lines.point());
+    points.push_back(point_of(lines));
   }
   return points;
 }
@@ -110,7 +81,7 @@ Mesh obj(std::string_view bytes, const std::string& place) {
     const std::string_view keyword = lines.word();
     if (keyword == "v") {
       if (mesh.vertices.size() == kMostPoints) lines.fail(keyword, "fewer points");
-      mesh.vertices.push_back(lines.point());
+      mesh.vertices.push_back(point_of(lines));
     } else if (keyword == "f") {
       std::array<std::uint32_t, 3> triangle{};
       std::size_t corners = 0;
