@@ -3,7 +3,9 @@
 #include <algorithm>
 #include <cmath>
 
+#include "models/cloud/tree.h"
 #include "models/foundation/support/error.h"
+#include "models/foundation/support/file_store.h"
 #include "models/mechanics/pose_values.h"
 #include "models/scene/robot_links.h"
 
@@ -43,6 +45,7 @@ void Monitor::add_parts(Settings& settings) {
     bodies_.push_back(std::move(made));
   }
   add_obstacles(settings.text("obstacles"));
+  if (!settings.text("cloud").empty()) add_cloud(settings);
   for (const scene::PlacedRobot& placed : given_.robots) {
     robots_.push_back(std::make_unique<Robot>(placed));
     robots_.back()->first = cell_.parts.size();
@@ -85,6 +88,21 @@ void Monitor::add_obstacles(const std::string& names) {
     part.moves = bodies_[k]->comes = true;
     bodies_[k]->unscaled = part.body;
   }
+}
+
+/// As the last of the bodies.
+void Monitor::add_cloud(Settings& settings) {
+  const std::filesystem::path file = settings.data_file(settings.text("cloud"));
+  const auto cloud = read_once<cloud::Obstacle>(settings.models(), cloud::kCloudKey + file.string(),
+                                                [&] { return cloud::load_obstacle(file); });
+  for (const std::string& remark : cloud->remarks) settings.warn(file.string() + ": " + remark);
+  constexpr double kRound = 1e-4;  // m
+  cloud_ = bodies_.size();
+  cloud_needs_ = cloud->points->cloud().points.size() > 1 ? std::ceil(cloud->spacing.most / 2 / kRound) * kRound : 0;
+  cloud_r_ = cloud_needs_;
+  cell_.add("cloud", cloud->points, cloud_r_);
+  bodies_.push_back(std::make_unique<Body>());
+  bodies_.back()->prefix = "cloud.";
 }
 
 void Monitor::check_inputs(Time now) const {
@@ -132,6 +150,7 @@ void Monitor::place_obstacle(std::size_t k) {
 /// Brings all parts to the inputs.
 void Monitor::place(Time now) {
   check_inputs(now);
+  if (cloud_ < bodies_.size()) cell_.parts[cloud_].body.set_ball(cloud_r_);
   for (std::size_t k = 0; k < bodies_.size(); ++k) {
     Body& body = *bodies_[k];
     if (body.comes)

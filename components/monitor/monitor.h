@@ -1,6 +1,7 @@
 #pragma once
 #include <array>
 #include <cstdint>
+#include <limits>
 #include <memory>
 #include <string>
 #include <vector>
@@ -42,6 +43,7 @@ class Monitor final : public Unit {
   std::vector<std::size_t> bodies_of(const std::string& setting, const std::string& names) const;
   void add_parts(Settings& settings);
   void add_obstacles(const std::string& names);
+  void add_cloud(Settings& settings);
   void add_separation(Settings& settings);
   void declare_ports(Variables& v, Ports& ports, const std::string& prefix, const std::string& of);
   void declare_separation(Variables& v);
@@ -78,7 +80,9 @@ class Monitor final : public Unit {
   collision::Cell cell_;  // its first parts are bodies_
   std::vector<std::unique_ptr<Robot>> robots_;
   std::vector<std::unique_ptr<Body>> bodies_;
-  double r_ = 0;  // tunable
+  double r_ = 0;                                                 // tunable
+  std::size_t cloud_ = std::numeric_limits<std::size_t>::max();  // the body that is the point cloud, the last one
+  double cloud_needs_ = 0, cloud_r_ = 0;                         // m: radius below which links may pass between points; tunable
   Ports all_;
   SeparationFigures figures_;
   EventPorts events_;

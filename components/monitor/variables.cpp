@@ -15,6 +15,10 @@ void Monitor::declare_settings(SettingList& s) {
          "bodies before which robots are to slow down or stop (speed and separation monitoring, ISO/TS 15066): name,name, or "
          "all that "
          "move and all obstacles: all");
+  s.text(
+      "cloud", "",
+      "point cloud of what stands around the robots, a file (.pcd, .ply; .xyz, .csv), in m: its points are balls of the radius "
+      "cloud.r, and stand as one body, cloud");
   s.text("obstacles", "",
          "static bodies of the scene that are moved, scaled and switched while the run goes on: name,name; nobody but this "
          "unit meets them");
@@ -105,7 +109,14 @@ void Monitor::declare(Variables& v) {
       declare_obstacle(body.prefix, body, "body " + part.name);
       continue;
     }
-    declare_pose(body.prefix, body.pose, "of body " + part.name, part.moves);
+    declare_pose(body.prefix, body.pose, k == cloud_ ? "of the point cloud" : "of body " + part.name, part.moves);
+    if (k == cloud_) {
+      v.tunable(
+           "cloud.r", cloud_r_, "m",
+           "radius of the balls around the points of the cloud; default: half of the spacing that 95 % of them have, so that "
+           "nothing fits between")
+          .range(0, 100);
+    }
     if (part.moves) v.state(body.prefix + "before", body.pose.before, "1", "pose at the last step");
   }
   if (separates_) declare_separation(v);

@@ -183,6 +183,10 @@ fs::path Settings::data_file(const std::string& name) {
 
 void Settings::rename_data_files(const std::map<std::string, std::string>& names) {
   const auto rename = [&](std::string& value) {
+    if (const auto whole = names.find(value); whole != names.end()) {
+      value = whole->second;
+      return;
+    }
     std::string out;
     for (std::size_t at = 0; at <= value.size();) {
       const std::size_t end = std::min(value.find_first_of(",:", at), value.size());

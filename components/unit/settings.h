@@ -85,7 +85,7 @@ class Settings {
   /// of the file.
   std::filesystem::path file(const std::string& name, const std::string& hint = "") const;
 
-  /// The same for a file that is part of the value of a setting, after a comma or a colon, as in slaves=EK1100,door:EL1004.bin. An
+  /// The same for a file that is the value of a setting, or part of it, after a comma or a colon, as in slaves=EK1100,door:EL1004.bin. An
   /// exported unit takes it along.
   std::filesystem::path data_file(const std::string& name);
   struct DataFile {

@@ -20,6 +20,7 @@
 #include "fmu/export/package.h"
 #include "master/run/master.h"
 #include "master/scenario/folders.h"
+#include "models/cloud/tree.h"
 #include "models/foundation/support/bytes.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/file_hash.h"
@@ -135,6 +136,11 @@ Facts Farm::facts(const Build& build) const {
   for (const auto& cell : models_->all<FoundCell>(kCellKey)) {
     package.cell = {cell, &cell->cell};
     models.text(fmu::serialise(package));
+  }
+  for (const auto& obstacle : models_->all<cloud::Obstacle>(cloud::kCloudKey)) {
+    const cloud::Cloud& cloud = obstacle->points->cloud();
+    models.values(std::span(cloud.origin.data(), 3));
+    for (const Eigen::Vector3f& p : cloud.points) models.values(std::span(p.data(), 3));
   }
   for (const auto& set : models_->all<ParameterSet>(kValuesKey)) {
     for (const ParameterValue& given : set->values) {

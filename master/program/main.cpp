@@ -142,6 +142,7 @@ int run(int argc, char** argv) {
   add_perturb(app, chosen);
   add_fit_energy(app, chosen);
   add_report(app, chosen);
+  add_cloud(app, chosen);
   add_tool(app, chosen);
   add_search(app, chosen);
   add_farm(app, chosen);

@@ -40,7 +40,7 @@ scene::Scene scene_with(const std::string& name, std::optional<double> floor, st
   return scene;
 }
 
-std::pair<std::string, Pose> read_base(const std::string& text) {
+std::pair<std::string, Pose> read_base(const std::string& text, const std::string& option) {
   const std::size_t colon = text.rfind(':');
   const bool named = colon != std::string::npos;
   std::vector<double> numbers;
@@ -49,7 +49,7 @@ std::pair<std::string, Pose> read_base(const std::string& text) {
   const bool finite = std::ranges::all_of(numbers, [](double x) { return std::isfinite(x); });
   if (!finite || (numbers.size() != 3 && numbers.size() != 6))
     throw Error(
-        "--base",
+        option,
         "'" + text + "', expected x y z or x y z roll pitch yaw in m and rad, after NAME: where there are several robots");
   numbers.resize(6);
   return {named ? std::string(text::trim(std::string_view(text).substr(0, colon))) : "",

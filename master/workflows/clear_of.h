@@ -17,8 +17,8 @@ namespace cotwin::master {
 /// `notes`: what its reader warns of. Throws Error.
 scene::Scene scene_with(const std::string& name, std::optional<double> floor, std::vector<std::string>& notes);
 
-/// "NAME: x y z roll pitch yaw" in m and rad, the angles and "NAME:" optional, as a name and the pose of a base. Throws Error.
-std::pair<std::string, Pose> read_base(const std::string& text);
+/// "NAME: x y z roll pitch yaw" in m and rad, the angles and "NAME:" optional, as a name and the pose of a base. Throws Error with `option`.
+std::pair<std::string, Pose> read_base(const std::string& text, const std::string& option = "--base");
 
 /// Quintics through samples of q, q̇, q̈ (n each, row by row) at times.
 trajectory::Path path_of(std::size_t joints, const std::vector<double>& t, const std::vector<double>& rows);

@@ -5,6 +5,9 @@
 #include <limits>
 #include <utility>
 
+#include "models/cloud/cloud_file.h"
+#include "models/foundation/support/text.h"
+
 namespace cotwin::cloud {
 
 using Eigen::Vector3d;
@@ -121,6 +124,18 @@ Spacing spacing(const Tree& tree, std::size_t samples) {
     return *at;
   };
   return {share(0.5), share(0.95), *std::ranges::max_element(gaps)};
+}
+
+Obstacle load_obstacle(const std::filesystem::path& file) {
+  CloudFile read = load_cloud(file);
+  const auto tree = std::make_shared<const Tree>(std::move(read.cloud));
+  constexpr std::size_t kSamples = 10'000;
+  Obstacle obstacle{tree, spacing(*tree, kSamples), std::move(read.remarks)};
+  constexpr double kApart = 0.2;  // m
+  if (tree->cloud().points.size() > 1 && obstacle.spacing.most > kApart)
+    obstacle.remarks.push_back("points are up to " + text::to_text(obstacle.spacing.most, 3) +
+                               " m (95 %) from the next one: are they in m? `cotwin cloud --unit mm -o` converts them");
+  return obstacle;
 }
 
 }  // namespace cotwin::cloud

@@ -3,6 +3,9 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <string>
 #include <vector>
 
 #include "models/cloud/cloud.h"
@@ -55,5 +58,16 @@ struct Spacing {
 };
 /// Of all points, or of about `samples` of them.
 Spacing spacing(const Tree& tree, std::size_t samples = 0);
+
+/// The cloud of a file, as obstacle.
+struct Obstacle {
+  std::shared_ptr<const Tree> points;
+  Spacing spacing;                   // of about 10 000 points
+  std::vector<std::string> remarks;  // of the reader; points so far apart that they cannot be in m
+};
+/// Throws as load_cloud().
+Obstacle load_obstacle(const std::filesystem::path& file);
+/// The beginning of its key in a FileStore, before the path.
+inline constexpr const char* kCloudKey = "cloud\n";
 
 }  // namespace cotwin::cloud

@@ -46,12 +46,22 @@ int common_of(const robot::RobotModel& model, int a, int b) {
 
 Part& Cell::add(const std::string& name, std::span<const scene::Shape> shapes, int robot, int link) {
   try {
-    parts.push_back({.name = name, .body = Body(shapes), .robot = robot, .link = link, .X_W = {}});
+    return add(name, Body(shapes), robot, link);
   } catch (const Error& error) {
     throw Error("body '" + name + "'", error.what());
   }
+}
+
+Part& Cell::add(const std::string& name, Body body, int robot, int link) {
+  parts.push_back({.name = name, .body = std::move(body), .robot = robot, .link = link, .X_W = {}});
   finder_.reserve(parts.back().body);
   return parts.back();
+}
+
+Part& Cell::add(const std::string& name, std::shared_ptr<const cloud::Tree> points, double ball) {
+  if (std::ranges::find(parts, name, &Part::name) != parts.end())
+    throw Error("scene", "has a body '" + name + "', expected another name for it: so the point cloud is called");
+  return add(name, Body(std::move(points), ball), -1, -1);
 }
 
 void Cell::add(const scene::Scene& scene) {

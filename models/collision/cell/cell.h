@@ -1,6 +1,7 @@
 #pragma once
 #include <Eigen/Core>
 #include <cstddef>
+#include <memory>
 #include <span>
 #include <string>
 #include <vector>
@@ -35,6 +36,8 @@ class Cell {
  public:
   /// Adds the bodies of a scene, where they stand there. Before the robots. Throws Error for shapes whose distance is not measured.
   void add(const scene::Scene& scene);
+  /// Adds a cloud, which stands; `ball`: around each point, m. Before the robots. Throws Error if a body has this name.
+  Part& add(const std::string& name, std::shared_ptr<const cloud::Tree> points, double ball);
   /// Adds base and links of a robot, which must outlive the cell. `floats`: its base moves. Returns "no shapes of base, link_1", or "". Throws Error for a
   /// robot without shapes.
   std::string add(const scene::PlacedRobot& robot, bool floats);
@@ -73,6 +76,7 @@ class Cell {
     std::size_t first, end;  // parts
   };
   Part& add(const std::string& name, std::span<const scene::Shape> shapes, int robot, int link);
+  Part& add(const std::string& name, Body body, int robot, int link);
   std::size_t index_of(const std::string& name) const;
 
   std::vector<Robot> robots_;

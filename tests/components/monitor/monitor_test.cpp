@@ -128,6 +128,87 @@ TEST_F(Slides, WithoutAnybodyAroundHaveNoDistance) {
   EXPECT_NEAR(unit.real("self_distance"), 0.25, 1e-12);
 }
 
+std::vector<std::string> notes_of(UnitSubject& unit) {
+  std::vector<std::string> notes;
+  unit.unit().append_notes(notes);
+  return notes;
+}
+
+/// Points of the plane x = 3, of 0.05 m spacing.
+std::string wall() {
+  std::string points = "x,y,z\n";
+  for (int i = -20; i <= 20; ++i)
+    for (int k = -20; k <= 20; ++k) points += "3," + std::to_string(0.05 * i) + "," + std::to_string(0.05 * k) + "\n";
+  return points;
+}
+
+TEST_F(Slides, HaveTheDistanceOfAPointCloud) {
+  folder_.write("my wall, left.csv", wall());
+  UnitSubject unit = monitor("robot=@slide.urdf&scene=@ball.sdf&ignore=hand:cloud,hand:obstacle&cloud=@my wall, left.csv");
+  unit.set("q", std::vector<double>{1, 0, 0})
+      .set("dq", std::vector<double>{0.5, 0, 0})
+      .set("obstacle.p", std::vector<double>{0, 9, 0});
+  unit.initialise();
+  EXPECT_NEAR(unit.real("cloud.r"), 0.025, 1e-4);  // half of the spacing
+  EXPECT_NEAR(unit.real("distance"), 2 - 0.1 - unit.real("cloud.r"), 1e-6);
+  EXPECT_NEAR(unit.real("time_to_contact"), unit.real("distance") / 0.5, 1e-6);
+  EXPECT_LT((unit.vector("normal") - Vector3d::UnitX()).norm(), 1e-6);
+  EXPECT_EQ(unit.integer("pair", 0), 4);  // obstacle, cloud, rail, ball
+  EXPECT_EQ(unit.integer("pair", 1), 2);
+  EXPECT_TRUE(notes_of(unit).empty());
+  unit.set("cloud.r", std::vector{0.005}).set("r", std::vector{0.25});
+  unit.step(1e-3);
+  EXPECT_NEAR(unit.real("distance"), 2 - 0.1 - 0.255, 1e-6);
+  EXPECT_THAT(notes_of(unit),
+              ElementsAre(HasSubstr("cloud.r is 0.005 m, but only 95 % of the points have another one within 0.05")));
+  // It stands where its parameters say, between points.
+  unit.set("cloud.p0", std::vector<double>{0, 0.025, 0.025})
+      .set("cloud.quat0", std::vector<double>{0, 0, 0, 1})
+      .set("r", std::vector{0.0});
+  unit.set("q", std::vector<double>{-2, 0, 0});
+  unit.initialise();
+  EXPECT_NEAR(unit.real("distance"), std::hypot(1, 0.025 * std::sqrt(2)) - 0.105, 1e-6);
+}
+
+TEST_F(Slides, PassNoPointCloudBetweenTwoInstants) {
+  folder_.write("wall.csv", wall());
+  UnitSubject unit = monitor("robot=@slide.urdf&ignore=hand:cloud&cloud=@wall.csv");
+  for (const double way : {4.0, 1.0, 0.3}) {
+    unit.set("q", std::vector<double>{3 - way / 2, 0, 0});
+    unit.initialise();
+    unit.set("q", std::vector<double>{3 + way / 2, 0, 0});
+    const std::uint64_t before = cotwin::testing::allocations();
+    unit.step(1e-3);
+    EXPECT_EQ(cotwin::testing::allocations(), before);
+    EXPECT_GT(unit.real("distance"), 0);
+    EXPECT_NEAR(unit.real("least_distance"), -0.1 - unit.real("cloud.r"), 0.05 * way + 1e-6) << way;
+  }
+}
+
+TEST_F(Slides, TellOfCloudsThatAreNotInMetres) {
+  folder_.write("far.xyz", "0 0 0\n25 0 0\n50 0 0\n");
+  EXPECT_THAT(monitor("robot=@slide.urdf&cloud=@far.xyz").instance().warnings,
+              ::testing::Contains(HasSubstr("25 m (95 %) from the next one: are they in m?")));
+}
+
+TEST_F(Slides, RefuseCloudsThatTheyCannotWatch) {
+  folder_.write("wall.csv", wall());
+  folder_.write("bad.pcd", "VERSION 0.7\nFIELDS x y z\nDATA binar\n");
+  EXPECT_THAT(error_of([&] { monitor("robot=@slide.urdf&cloud=@missing.pcd"); }), HasSubstr("missing.pcd"));
+  EXPECT_THAT(error_of([&] { monitor("robot=@slide.urdf&cloud=@slide.urdf"); }), HasSubstr("unknown format of a point cloud"));
+  EXPECT_THAT(error_of([&] { monitor("robot=@slide.urdf&cloud=@bad.pcd"); }),
+              HasSubstr("bad.pcd:3: 'DATA binar', expected DATA ascii"));
+  EXPECT_THAT(error_of([&] { monitor("robot=@slide.urdf&cloud=@wall.csv&separation=cloud"); }),
+              HasSubstr("'cloud' stands, expected"));
+  EXPECT_THAT(error_of([&] { monitor("robot=@slide.urdf&cloud=@wall.csv&obstacles=cloud"); }),
+              HasSubstr("'cloud' is no body of scene"));
+  std::string named = cotwin::testing::content(folder_.path() / "plate.sdf");
+  for (std::size_t at; (at = named.find("plate")) != std::string::npos;) named.replace(at, 5, "cloud");
+  folder_.write("named.sdf", named);
+  EXPECT_THAT(error_of([&] { monitor("robot=@slide.urdf&cloud=@wall.csv&scene=@named.sdf"); }),
+              HasSubstr("scene: has a body 'cloud', expected another name"));
+}
+
 TEST_F(Slides, RefuseWhatTheyCannotWatch) {
   EXPECT_THAT(error_of([&] { monitor("robot=@bare.urdf&scene=@plate.sdf"); }),
               HasSubstr("robot 'slide': has no shapes, so nothing can be said of collisions: scripts/capsules.py"));
