@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "models/cloud/tree.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/file_store.h"
 #include "models/mechanics/pose_values.h"
@@ -93,14 +92,12 @@ void Monitor::add_obstacles(const std::string& names) {
 /// As the last of the bodies.
 void Monitor::add_cloud(Settings& settings) {
   const std::filesystem::path file = settings.data_file(settings.text("cloud"));
-  const auto cloud = read_once<cloud::Obstacle>(settings.models(), cloud::kCloudKey + file.string(),
-                                                [&] { return cloud::load_obstacle(file); });
-  for (const std::string& remark : cloud->remarks) settings.warn(file.string() + ": " + remark);
-  constexpr double kRound = 1e-4;  // m
+  obstacle_ = read_once<cloud::Obstacle>(settings.models(), cloud::kCloudKey + file.string(),
+                                         [&] { return cloud::load_obstacle(file); });
+  for (const std::string& remark : obstacle_->remarks) settings.warn(file.string() + ": " + remark);
+  cloud_r_ = obstacle_->touching();
   cloud_ = bodies_.size();
-  cloud_needs_ = cloud->points->cloud().points.size() > 1 ? std::ceil(cloud->spacing.most / 2 / kRound) * kRound : 0;
-  cloud_r_ = cloud_needs_;
-  cell_.add("cloud", cloud->points, cloud_r_);
+  cell_.add("cloud", obstacle_->points, cloud_r_);
   bodies_.push_back(std::make_unique<Body>());
   bodies_.back()->prefix = "cloud.";
 }

@@ -10,6 +10,7 @@
 #include "components/unit/event_ports.h"
 #include "components/unit/settings.h"
 #include "components/unit/unit.h"
+#include "models/cloud/tree.h"
 #include "models/collision/cell/cell.h"
 #include "models/collision/meeting/sweep.h"
 
@@ -81,8 +82,9 @@ class Monitor final : public Unit {
   std::vector<std::unique_ptr<Robot>> robots_;
   std::vector<std::unique_ptr<Body>> bodies_;
   double r_ = 0;                                                 // tunable
-  std::size_t cloud_ = std::numeric_limits<std::size_t>::max();  // the body that is the point cloud, the last one
-  double cloud_needs_ = 0, cloud_r_ = 0;                         // m: radius below which links may pass between points; tunable
+  std::shared_ptr<const cloud::Obstacle> obstacle_;              // the point cloud
+  std::size_t cloud_ = std::numeric_limits<std::size_t>::max();  // its body, the last one
+  double cloud_r_ = 0;                                           // tunable
   Ports all_;
   SeparationFigures figures_;
   EventPorts events_;

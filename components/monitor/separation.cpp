@@ -132,10 +132,9 @@ void Monitor::add_separation(Settings& settings) {
 }
 
 void Monitor::append_notes(std::vector<std::string>& notes) const {
-  if (cloud_r_ < cloud_needs_)
-    notes.push_back("cloud.r is " + text::to_text(cloud_r_, 3) + " m, but only 95 % of the points have another one within " +
-                    text::to_text(2 * cloud_needs_, 3) + " m, so that links may pass between them: expected at least " +
-                    text::to_text(cloud_needs_, 3) + " m");
+  if (obstacle_ != nullptr) {
+    if (std::string gaps = obstacle_->gaps("cloud.r", cloud_r_); !gaps.empty()) notes.push_back(std::move(gaps));
+  }
   if (!separates_) return;
   std::vector<std::string> names;
   for (const collision::Part& part : cell_.parts) names.push_back(part.name);

@@ -136,6 +136,34 @@ scene::Scene Robots::scene(const std::string& name, std::vector<std::string>& no
                            ".sdf beside a folder with robots" + (paths_ ? ", or a path to an SDF file" : ""));
 }
 
+std::shared_ptr<const cloud::Obstacle> Robots::cloud(const std::string& name, std::vector<std::string>& notes) {
+  fs::path found = paths_ && is_file(name) ? fs::path(name) : fs::path();
+  if (found.empty() && !is_plain(name))
+    throw Error("cloud", "is not a name of letters, digits, '_', '-' and '.', expected one of the known clouds" +
+                             std::string(paths_ ? ", or a path to a file" : "; paths are for the command line"));
+  for (const fs::path& folder : folders_)
+    for (const fs::path& file : {folder / "../scenes" / name / "scene.pcd", folder / "../scenes" / (name + ".pcd")})
+      if (found.empty() && is_file(file)) found = file;
+  if (found.empty())
+    throw Error("cloud", "'" + name + "' is unknown, expected scenes/" + name + "/scene.pcd or scenes/" + name +
+                             ".pcd beside a folder with robots" + (paths_ ? ", or a path to a point cloud" : ""));
+  const fs::file_time_type time = fs::last_write_time(found);
+  std::shared_ptr<const cloud::Obstacle> cloud;
+  {
+    const std::lock_guard lock(mutex_);
+    if (const auto at = clouds_.find(found); at != clouds_.end() && at->second.time == time) cloud = at->second.cloud;
+  }
+  if (cloud == nullptr) {
+    cloud = std::make_shared<const cloud::Obstacle>(cloud::load_obstacle(found));
+    constexpr std::size_t kMost = 8;  // they may be large
+    const std::lock_guard lock(mutex_);
+    if (clouds_.size() >= kMost) clouds_.clear();
+    clouds_[found] = {time, cloud};
+  }
+  notes.insert(notes.end(), cloud->remarks.begin(), cloud->remarks.end());
+  return cloud;
+}
+
 fs::path Robots::tool_file(const std::string& name) const {
   if (paths_ && is_file(name)) return name;
   if (!is_plain(name))

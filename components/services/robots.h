@@ -10,6 +10,7 @@
 #include <string_view>
 #include <vector>
 
+#include "models/cloud/tree.h"
 #include "models/energetics/books.h"
 #include "models/robot/body_parts.h"
 #include "models/robot/changes/attachment.h"
@@ -87,6 +88,9 @@ class Robots {
   /// The scene NAME: scenes/NAME/scene.sdf or scenes/NAME.sdf beside one of the folders; a path to an SDF file, if paths are allowed. `notes`: what
   /// its reader warned of. Throws Error.
   scene::Scene scene(const std::string& name, std::vector<std::string>& notes) const;
+  /// The point cloud NAME: scenes/NAME/scene.pcd or scenes/NAME.pcd beside one of the folders; a path to a file, if paths are allowed. Read once and
+  /// again when it has changed. Throws Error.
+  std::shared_ptr<const cloud::Obstacle> cloud(const std::string& name, std::vector<std::string>& notes);
   /// The tool NAME: tools/NAME.urdf beside one of the folders; a path to a URDF, if paths are allowed: its mass and frames as the attachment
   /// `as`, and its shapes at X_BA of the body that carries it. Both throw Error.
   robot::Attachment tool(const std::string& name, const std::string& as) const;
@@ -110,6 +114,11 @@ class Robots {
   std::filesystem::path people_;  // "": none
   std::mutex mutex_;
   std::map<std::string, Kept> kept_;
+  struct KeptCloud {
+    std::filesystem::file_time_type time;
+    std::shared_ptr<const cloud::Obstacle> cloud;
+  };
+  std::map<std::filesystem::path, KeptCloud> clouds_;
 };
 
 }  // namespace cotwin::services

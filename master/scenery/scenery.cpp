@@ -112,6 +112,10 @@ void Builder::add_cell(const ComponentSpec& component, Settings& settings) {
                       !watches, watches});
     if (watches) stage_.monitors.push_back(prefix);
   }
+  if (const std::string cloud = watches ? settings.text("cloud") : ""; !cloud.empty()) {
+    stage_.clouds.push_back({component.name, settings.file(cloud), {}});
+    read_pose(component.name, "cloud.", "0", stage_.clouds.back().X_WC);
+  }
   std::vector<std::string> obstacles;
   const std::string list = watches ? settings.text("obstacles") : "";
   for (const std::string_view name : text::split(list, ',')) obstacles.emplace_back(text::trim(name));

@@ -70,10 +70,18 @@ struct StagedBody {
   double present = 1, scale = 1;  // of an obstacle, at the start
 };
 
+/// The point cloud of a monitor.
+struct StagedCloud {
+  std::string name;  // of the monitor
+  std::filesystem::path file;
+  Pose X_WC;
+};
+
 struct Scenery {
   std::vector<StagedModel> models;
   std::vector<StagedRobot> robots;
   std::vector<StagedBody> bodies;
+  std::vector<StagedCloud> clouds;
   std::vector<std::string> worlds;    // components with a contact world
   std::set<std::string> ghosts;       // those of which all robots are ghosts of others
   std::vector<std::string> monitors;  // prefixes of the distances of monitors: "monitor.left."

@@ -11,6 +11,7 @@
 #include "master/engine/wiring/members.h"
 #include "master/view/calculated.h"
 #include "master/view/visuals_json.h"
+#include "models/cloud/cloud_file.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
 #include "models/numerics/dense.h"
@@ -37,12 +38,14 @@ class Writer {
         rows_(rows),
         calculated_(calculated),
         remarks_(remarks),
+        packer_(packer),
         visuals_(packer, remarks) {}
 
   Json write();
 
  private:
   Json robot_json(const StagedModel& staged);
+  Json cloud_json(const StagedCloud& staged);
   Json tool_json(const StagedTool& tool);
   Json figure_json(const StagedRobot& robot, std::size_t index);
   bool floats(const StagedRobot& robot) const;
@@ -66,8 +69,43 @@ class Writer {
   const std::vector<std::size_t>& rows_;
   CalculatedTable& calculated_;
   std::vector<std::string>& remarks_;
+  Packer& packer_;
   VisualWriter visuals_;
 };
+
+/// 16 bits a coordinate, all x first.
+Json Writer::cloud_json(const StagedCloud& staged) {
+  constexpr std::size_t kMost = 300'000;
+  constexpr double kSteps = 65535;
+  const cloud::Cloud whole = cloud::load_cloud(staged.file).cloud;
+  const auto corners_of = [](const cloud::Cloud& cloud) {
+    Eigen::Vector3f low = cloud.points.front(), high = low;
+    for (const Eigen::Vector3f& p : cloud.points) {
+      low = low.cwiseMin(p);
+      high = high.cwiseMax(p);
+    }
+    return std::pair{Eigen::Vector3d(low.cast<double>()), Eigen::Vector3d(high.cast<double>())};
+  };
+  const auto [low, high] = corners_of(whole);
+  cloud::Cloud shown = whole;
+  for (double cube = 1e-3 * (high - low).norm(); shown.points.size() > kMost;
+       cube *= 1.1 * std::sqrt(static_cast<double>(shown.points.size()) / kMost))
+    shown = cloud::thinned(whole, cube);
+  if (shown.points.size() < whole.points.size())
+    remarks_.push_back("of the " + std::to_string(whole.points.size()) + " points of " + staged.file.filename().string() +
+                       " the page shows " + std::to_string(shown.points.size()) + ", the means of cubes");
+  const Eigen::Vector3d origin = whole.origin + low, step = ((high - low) / kSteps).cwiseMax(1e-9);
+  std::vector<double> steps;
+  steps.reserve(3 * shown.points.size());
+  for (Eigen::Index i = 0; i < 3; ++i) {
+    for (std::size_t k = 0; k < shown.points.size(); ++k)
+      steps.push_back(std::clamp(std::round((shown.point(k)[i] - origin[i]) / step[i]), 0.0, kSteps));
+  }
+  Json json = {{"name", staged.name}, {"low", vector_json(origin)}, {"step", vector_json(step)}};
+  add_pose(json, staged.X_WC);
+  json["points"] = packer_.add_reals(steps);
+  return json;
+}
 
 Json Writer::robot_json(const StagedModel& staged) {
   const robot::RobotModel& robot = *staged.model;
@@ -410,6 +448,14 @@ Json Writer::write() {
   }
   if (!still.empty())
     remarks_.push_back("bodies stand where they were at the start, because their poses are not recorded; record " + still);
+  json["clouds"] = Json::array();
+  for (const StagedCloud& staged : stage_.clouds) {
+    try {
+      json["clouds"].push_back(cloud_json(staged));
+    } catch (const Error& error) {
+      remarks_.push_back(std::string("a point cloud is left out: ") + error.what());
+    }
+  }
   json["meshes"] = visuals_.meshes();
   json["contacts"] = contacts_json();
   json["contacts_lack"] = stage_.worlds.empty()

@@ -7,6 +7,7 @@
 #include "master/engine/wiring/members.h"
 #include "master/scenario/folders.h"
 #include "master/scenery/scenery.h"
+#include "models/cloud/cloud_file.h"
 #include "models/foundation/support/choice.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
@@ -17,16 +18,31 @@ namespace cotwin::master {
 
 namespace fs = std::filesystem;
 
-scene::Scene scene_with(const std::string& name, std::optional<double> floor, std::vector<std::string>& notes) {
-  scene::Scene scene;
-  std::error_code none;
-  if (!name.empty()) {
+Surroundings surroundings(const std::vector<std::string>& names, std::optional<double> floor, std::vector<std::string>& notes) {
+  Surroundings all;
+  bool has_scene = false;
+  for (const std::string& name : names) {
+    std::error_code none;
     fs::path file = name;
-    for (const fs::path& folder : model_folders({}))
-      if (!fs::is_regular_file(file, none)) file = folder / "scenes" / name / "scene.sdf";
+    for (const char* ending : {"scene.sdf", "scene.pcd"})
+      for (const fs::path& folder : model_folders({}))
+        if (!fs::is_regular_file(file, none)) file = folder / "scenes" / name / ending;
     if (!fs::is_regular_file(file, none))
-      throw Error("scene '" + name + "'", "is neither a file nor the name of a scene, expected an SDF file");
-    scene = scene::load(file, &notes);
+      throw Error("scene '" + name + "'",
+                  "is neither a file nor the name of a scene, expected an SDF file or a point cloud (.pcd, .ply, .xyz, .csv)");
+    const bool cloud = cloud::is_cloud(file);
+    if (cloud ? !all.clouds.empty() : has_scene)
+      throw Error("scene '" + name + "'", std::string("is the second ") + (cloud ? "cloud" : "scene") + ", expected one");
+    if (!cloud) {
+      all.scene = scene::load(file, &notes);
+      has_scene = true;
+      continue;
+    }
+    const cloud::Obstacle read = cloud::load_obstacle(file);
+    for (const std::string& remark : read.remarks) notes.push_back(file.string() + ": " + remark);
+    notes.push_back("the " + std::to_string(read.points->cloud().points.size()) + " points of " + file.filename().string() +
+                    " are balls of " + text::to_text(read.touching(), 3) + " m");
+    all.clouds.push_back({.points = read.points, .radius = read.touching(), .X_WC = {}});
   }
   if (floor) {
     scene::Body plane;
@@ -35,9 +51,9 @@ scene::Scene scene_with(const std::string& name, std::optional<double> floor, st
     plane.X_WB.p.z() = *floor;
     plane.shapes.resize(1);
     plane.shapes.front().type = scene::ShapeType::kPlane;
-    scene.bodies.push_back(std::move(plane));
+    all.scene.bodies.push_back(std::move(plane));
   }
-  return scene;
+  return all;
 }
 
 std::pair<std::string, Pose> read_base(const std::string& text, const std::string& option) {
@@ -197,7 +213,7 @@ std::string time_of(double t, const Mover& mover) {
 
 /// What one motion comes near to, and what that rests on. The robots' motions go on until `until`.
 std::vector<fmu::Finding> judge(const Mover& mover, std::vector<Standing>& robots, const Scenery& stage,
-                                const scene::Scene& scene, double until) {
+                                const Surroundings& around, double until) {
   std::vector<fmu::Finding> findings;
   const auto note = [&](const std::string& what) { findings.push_back({Level::kNote, mover.name + ": " + what}); };
   const auto own = moved_by(mover, robots);
@@ -224,7 +240,7 @@ std::vector<fmu::Finding> judge(const Mover& mover, std::vector<Standing>& robot
       slows = slows || (other.mover != nullptr && other.mover->slows);
     }
   }
-  collision::Checker checker(scene, std::move(stands), {0, true, {}});
+  collision::Checker checker(around.scene, std::move(stands), {0, true, {}}, around.clouds);
   const collision::Verdict verdict = checker.check(motions, until);
   const collision::Nearest& at = verdict.nearest;
   if (!verdict.clear)
@@ -244,13 +260,13 @@ std::vector<fmu::Finding> judge(const Mover& mover, std::vector<Standing>& robot
 
 }  // namespace
 
-std::vector<fmu::Finding> check_clear(const fs::path& file, std::span<const UnitType> types, const std::string& name,
-                                      const std::vector<std::string>& bases) {
+std::vector<fmu::Finding> check_clear(const fs::path& file, std::span<const UnitType> types,
+                                      const std::vector<std::string>& names, const std::vector<std::string>& bases) {
   constexpr double kLongest = 3600;  // s
   const Scenario scenario = load_scenario(file);
   const std::vector<fs::path> folders = model_folders(file.parent_path());
   std::vector<std::string> notes;
-  const scene::Scene scene = scene_with(name, {}, notes);
+  const Surroundings around = surroundings(names, {}, notes);
   fmu::FmuStore fmus;
   std::vector<Mover> movers;
   Recorded signals;  // the places of robots are those that the page has
@@ -291,7 +307,7 @@ std::vector<fmu::Finding> check_clear(const fs::path& file, std::span<const Unit
   for (const std::string& what : notes) findings.push_back({Level::kNote, what});
   if (movers.empty() && !poses)
     findings.push_back({Level::kWarning, "no unit:motion of joints, so nothing was checked for collisions"});
-  for (const Mover& mover : movers) std::ranges::move(judge(mover, robots, stage, scene, until), std::back_inserter(findings));
+  for (const Mover& mover : movers) std::ranges::move(judge(mover, robots, stage, around, until), std::back_inserter(findings));
   return findings;
 }
 

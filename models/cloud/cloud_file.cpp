@@ -328,15 +328,22 @@ std::vector<Vector3d> read_text(std::string_view bytes, const std::string& place
   return points;
 }
 
-}  // namespace
-
-Format format_of(const std::filesystem::path& file) {
+std::optional<Format> known_format(const std::filesystem::path& file) {
   const std::string ending = lower_case(file.extension().string());
   if (ending == ".pcd") return Format::kPcd;
   if (ending == ".ply") return Format::kPly;
   for (const std::string_view text : {".xyz", ".csv", ".txt", ".asc", ".pts"}) {
     if (ending == text) return Format::kText;
   }
+  return std::nullopt;
+}
+
+}  // namespace
+
+bool is_cloud(const std::filesystem::path& file) { return known_format(file).has_value(); }
+
+Format format_of(const std::filesystem::path& file) {
+  if (const std::optional<Format> known = known_format(file)) return *known;
   throw Error(file.string(), "unknown format of a point cloud, expected .pcd, .ply, .xyz, .csv, .txt, .asc or .pts");
 }
 

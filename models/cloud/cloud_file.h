@@ -17,6 +17,9 @@ enum class Format { kPcd, kPly, kText };
 /// By the ending of a name: .pcd, .ply; .xyz, .csv, .txt, .asc, .pts. Throws Error for others.
 Format format_of(const std::filesystem::path& file);
 
+/// Whether a name has one of these endings.
+bool is_cloud(const std::filesystem::path& file);
+
 struct CloudFile {
   Cloud cloud;                                // at least one point
   std::size_t not_finite = 0, doubles = 0;    // points that were dropped

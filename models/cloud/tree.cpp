@@ -126,13 +126,24 @@ Spacing spacing(const Tree& tree, std::size_t samples) {
   return {share(0.5), share(0.95), *std::ranges::max_element(gaps)};
 }
 
+double Obstacle::touching() const {
+  constexpr double kRound = 1e-4;  // m
+  return points->cloud().points.size() > 1 ? std::ceil(spacing.most / 2 / kRound) * kRound : 0;
+}
+
+std::string Obstacle::gaps(const std::string& name, double radius) const {
+  if (!(radius < touching())) return "";
+  return name + " is " + text::to_text(radius, 3) + " m, but 95 % of the points are up to " + text::to_text(spacing.most, 3) +
+         " m from the next one: links may pass between them, expected at least " + text::to_text(touching(), 3) + " m";
+}
+
 Obstacle load_obstacle(const std::filesystem::path& file) {
   CloudFile read = load_cloud(file);
   const auto tree = std::make_shared<const Tree>(std::move(read.cloud));
   constexpr std::size_t kSamples = 10'000;
   Obstacle obstacle{tree, spacing(*tree, kSamples), std::move(read.remarks)};
-  constexpr double kApart = 0.2;  // m
-  if (tree->cloud().points.size() > 1 && obstacle.spacing.most > kApart)
+  constexpr double kApart = 0.1;  // m
+  if (obstacle.touching() > kApart)
     obstacle.remarks.push_back("points are up to " + text::to_text(obstacle.spacing.most, 3) +
                                " m (95 %) from the next one: are they in m? `cotwin cloud --unit mm -o` converts them");
   return obstacle;

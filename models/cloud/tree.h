@@ -64,6 +64,11 @@ struct Obstacle {
   std::shared_ptr<const Tree> points;
   Spacing spacing;                   // of about 10 000 points
   std::vector<std::string> remarks;  // of the reader; points so far apart that they cannot be in m
+
+  /// The radius of balls around the points of which 95 % touch the next one, in whole 0.1 mm; 0 of a single point.
+  double touching() const;
+  /// What to tell of balls that are smaller; `name`: of their radius. "" of others.
+  std::string gaps(const std::string& name, double radius) const;
 };
 /// Throws as load_cloud().
 Obstacle load_obstacle(const std::filesystem::path& file);

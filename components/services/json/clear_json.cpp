@@ -115,16 +115,46 @@ std::pair<std::string, collision::Motion> read_other(const Robot& robot, Reader&
   return {std::move(name), std::move(motion)};
 }
 
+collision::PlacedCloud read_cloud(Reader& r, const Context& context, std::vector<std::string>& notes) {
+  collision::PlacedCloud placed;
+  const std::string name = r.text("name", {},
+                                  "scenes/NAME/scene.pcd or scenes/NAME.pcd beside the folder with robots; on the command line "
+                                  "also a path (.pcd, .ply, .xyz, .csv)");
+  r.declare("radius_m", {{"type", "number"}, {"minimum", 0}}, false,
+            "of the ball around each point; without it half of the spacing that 95 % of the points have");
+  placed.X_WC = read_pose(r, "of its frame in the scene; without it 0");
+  if (r.describes()) return placed;
+  std::shared_ptr<const cloud::Obstacle> cloud;
+  try {
+    cloud = context.robots->cloud(name, notes);
+  } catch (const Error& error) {
+    throw RequestError(r.pointer("name"), error.what());
+  }
+  placed.points = cloud->points;
+  placed.radius = r.not_negative("radius_m", cloud->touching());
+  if (std::string gaps = cloud->gaps("radius_m", placed.radius); !gaps.empty()) notes.push_back(std::move(gaps));
+  r.finish();
+  return placed;
+}
+
 }  // namespace
 
 std::optional<ClearOf> ClearOf::read(const Robot& robot, Reader& r, const Context& context,
                                      const std::vector<collision::Tool>& carried) {
   std::vector<collision::Stand> stands;
+  std::vector<collision::PlacedCloud> clouds;
   collision::Options options;
   std::vector<std::pair<std::string, collision::Motion>> others;
   ClearOf clear;
   const auto read = [&](Reader& own) {
     const std::string scene = own.text("scene", "", "name of a scene: scenes/NAME/scene.sdf beside the folder with robots");
+    if (own.describes())
+      own.declare("cloud", Reader::schema_of([&](Reader& points) { (void)read_cloud(points, context, clear.notes_); }), false,
+                  "a point cloud beside the scene, or in its place");
+    if (const Json* const given = own.any("cloud")) {
+      Reader points(*given, own.pointer("cloud"));
+      clouds.push_back(read_cloud(points, context, clear.notes_));
+    }
     options.clearance = clear.clearance_ = own.not_negative("clearance_m", 0, "less than this is not clear");
     options.self = own.boolean("self", false, "links of the robot that are no neighbours must not touch, either");
     options.ignore = own.texts("ignore", {}, "pairs of links and bodies that do not count: link_5:table");
@@ -141,8 +171,9 @@ std::optional<ClearOf> ClearOf::read(const Robot& robot, Reader& r, const Contex
                   false, "other robots");
     const Json* const robots = own.any("robots");
     if (own.describes()) return;
-    if (scene.empty() && !robots && !options.self)
-      throw RequestError(own.pointer("scene"), "is missing, and there are no robots and no self, expected one of them");
+    if (scene.empty() && clouds.empty() && !robots && !options.self)
+      throw RequestError(own.pointer("scene"),
+                         "is missing, and there are no cloud, no robots and no self, expected one of them");
     scene::Scene bodies;
     try {
       if (!scene.empty()) bodies = context.robots->scene(scene, clear.notes_);
@@ -183,14 +214,15 @@ std::optional<ClearOf> ClearOf::read(const Robot& robot, Reader& r, const Contex
       clear.motions_.push_back(std::move(motion));
     }
     own.finish();
-    clear.make_ = [bodies = std::move(bodies), stands = std::move(stands), options, first](double begin, double T) {
+    clear.make_ = [bodies = std::move(bodies), stands = std::move(stands), clouds = std::move(clouds), options, first](
+                      double begin, double T) {
       std::vector<collision::Stand> timed = stands;
       for (std::size_t k = first; k < timed.front().tools.size(); ++k) {
         collision::Tool& payload = timed.front().tools[k];
         payload.from = payload.from > 0 ? begin + payload.from * T : -scene::kInfinity;
         payload.until = payload.until < 1 ? begin + payload.until * T : scene::kInfinity;
       }
-      return std::make_unique<collision::Checker>(bodies, std::move(timed), options);
+      return std::make_unique<collision::Checker>(bodies, std::move(timed), options, clouds);
     };
     try {
       clear.checker_ = clear.make_(clear.begin_, clear.T_);

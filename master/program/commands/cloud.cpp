@@ -9,6 +9,7 @@
 #include "master/program/commands/commands.h"
 #include "master/workflows/clear_of.h"
 #include "models/cloud/cloud_file.h"
+#include "models/cloud/sample.h"
 #include "models/cloud/tree.h"
 #include "models/collision/cell/cell.h"
 #include "models/foundation/support/atomic_file.h"
@@ -26,7 +27,8 @@ namespace fs = std::filesystem;
 
 struct CloudArguments {
   fs::path file, out;
-  std::string unit = "m", pose, without, base = "0 0 0";
+  std::string unit = "m", from, pose, without, base = "0 0 0";
+  cloud::Sampling sampling;
   std::vector<double> at;
   std::optional<double> voxel;  // m
 };
@@ -96,19 +98,35 @@ void tell(const cloud::Cloud& cloud) {
             << " m the balls of 95 % of the points touch the next one\n";
 }
 
+cloud::Cloud read(const CloudArguments& a) {
+  cloud::CloudFile file = cloud::load_cloud(a.file, metres(a.unit));
+  std::cout << "read     " << file.cloud.points.size()
+            << " points; dropped: " << text::counted(static_cast<std::int64_t>(file.doubles), "double") << ", "
+            << file.not_finite << " without finite coordinates";
+  if (!file.passed_over.empty()) std::cout << "; passed over: " << text::joined(file.passed_over);
+  std::cout << '\n';
+  for (const std::string& remark : file.remarks) std::cerr << "cotwin: warning: " << a.file.string() << ": " << remark << '\n';
+  return std::move(file.cloud);
+}
+
+cloud::Cloud sampled(const CloudArguments& a) {
+  if (!(a.sampling.spacing > 0) || !(a.sampling.sigma >= 0)) throw Error("--spacing", "and --sigma, expected lengths in m");
+  std::vector<std::string> notes, left_out;
+  cloud::Cloud cloud = cloud::sample(surroundings({a.from}, {}, notes).scene, a.sampling, left_out);
+  if (!left_out.empty()) notes.push_back("without planes and heightmaps: " + text::joined(left_out));
+  for (const std::string& note : notes) std::cerr << "cotwin: warning: " << note << '\n';
+  if (cloud.points.empty())
+    throw Error(a.from, "has no surface of " + text::to_text(a.sampling.spacing) + " m by as much, so no points");
+  return cloud;
+}
+
 int run_cloud(const CloudArguments& a) {
   if (a.without.empty() != a.at.empty()) throw Error("--without", "and --at, expected both or none");
   if (a.voxel && !(*a.voxel >= 1e-6 && *a.voxel <= 1e6))
     throw Error("--voxel", text::to_text(*a.voxel) + ", expected 1e-6 to 1e6 m");
   const std::optional<cloud::Format> format = a.out.empty() ? std::nullopt : std::optional(cloud::format_of(a.out));
-  cloud::CloudFile read = cloud::load_cloud(a.file, metres(a.unit));
-  std::cout << "read     " << read.cloud.points.size()
-            << " points; dropped: " << text::counted(static_cast<std::int64_t>(read.doubles), "double") << ", "
-            << read.not_finite << " without finite coordinates";
-  if (!read.passed_over.empty()) std::cout << "; passed over: " << text::joined(read.passed_over);
-  std::cout << '\n';
-  for (const std::string& remark : read.remarks) std::cerr << "cotwin: warning: " << a.file.string() << ": " << remark << '\n';
-  cloud::Cloud cloud = std::move(read.cloud);
+  if (a.file.empty() == a.from.empty()) throw Error("FILE", "and --from, expected one of the two");
+  cloud::Cloud cloud = a.from.empty() ? read(a) : sampled(a);
   if (!a.pose.empty()) cloud = cloud::moved(cloud, read_base(a.pose, "--pose").second);
   if (!a.without.empty()) cloud = without_robot(std::move(cloud), a);
   if (a.voxel) cloud = cloud::thinned(cloud, *a.voxel);
@@ -129,8 +147,19 @@ void add_cloud(CLI::App& app, Chosen& chosen) {
   CLI::App* command =
       app.add_subcommand("cloud", "Tell what is in a point cloud, and convert, move and thin it for unit:monitor");
   command->add_option("FILE", all->file, "Points: PCD, PLY, or text with x, y, z (.xyz, .csv, .txt, .asc, .pts)")
-      ->type_name("FILE")
-      ->required();
+      ->type_name("FILE");
+  command
+      ->add_option("--from", all->from, "In place of FILE: points on the bodies of this scene (SDF file, or name of a scene)")
+      ->type_name("SCENE");
+  command->add_option("--spacing", all->sampling.spacing, "One of them for each square of this edge, m")
+      ->type_name("M")
+      ->capture_default_str();
+  command->add_option("--sigma", all->sampling.sigma, "Their standard deviation along the normal, m")
+      ->type_name("M")
+      ->capture_default_str();
+  command->add_option("--seed", all->sampling.seed, "Of the deviation; equal seeds give equal bits")
+      ->type_name("N")
+      ->capture_default_str();
   command->add_option("-o,--out", all->out, "Write the points in m, in the format of the ending (.pcd, .ply, .xyz …)")
       ->type_name("FILE");
   command->add_option("--unit", all->unit, "Unit of the coordinates in FILE, such as mm")

@@ -37,8 +37,8 @@ struct ExciteArguments {
   double rate = 250;  // Hz
   int periods = 1, threads = 1;
   bool quiet = false;
-  std::string clear_of;  // scene
-  std::string base;      // as for read_base(); "": at the scene's origin
+  std::vector<std::string> clear_of;  // scene and cloud
+  std::string base;                   // as for read_base(); "": at the scene's origin
   std::vector<std::string> attach;
   std::optional<double> floor;  // m
   bool checked() const { return floor || !clear_of.empty(); }
@@ -149,7 +149,8 @@ std::optional<excitation::Design> design_clear(const robot::RobotModel& robot, c
   } else if (!a.clear_of.empty()) {
     notes.push_back("the robot's base is taken to be at the scene's origin; --base says otherwise");
   }
-  collision::Checker checker(scene_with(a.clear_of, a.floor, notes), {std::move(stand)}, {0, true, {}});
+  const Surroundings around = surroundings(a.clear_of, a.floor, notes);
+  collision::Checker checker(around.scene, {std::move(stand)}, {0, true, {}}, around.clouds);
   notes.insert(notes.end(), checker.notes().begin(), checker.notes().end());
   for (const std::string& note : notes) std::cerr << "warning: " << note << '\n';
   a.design.q_min.resize(robot.joints.size(), -scene::kInfinity);
@@ -265,8 +266,9 @@ void add_excite(CLI::App& app, Chosen& chosen) {
   command
       ->add_option(
           "--clear-of", a.clear_of,
-          "Scene (SDF file, or name of a scene) that the motion keeps clear of, and of the robot itself: the search is "
-          "repeated with smaller ranges of the joints")
+          "Scene (SDF file, or name of a scene) or point cloud (.pcd, .ply, .xyz, .csv) that the motion keeps clear of, and of "
+          "the robot itself: the search is repeated with smaller ranges of the joints; twice for both")
+      ->allow_extra_args(false)
       ->type_name("SCENE");
   command
       ->add_option("--floor", a.floor,

@@ -27,7 +27,7 @@ int info(const fs::path& file) {
   return kExitDone;
 }
 
-int check(const fs::path& file, const std::string& scene, const std::vector<std::string>& bases) {
+int check(const fs::path& file, const std::vector<std::string>& scene, const std::vector<std::string>& bases) {
   auto findings = is_fmu(file) ? fmu::check_fmu(file, true) : check_scenario(file, units(), model_folders(file.parent_path()));
   if (!scene.empty()) {
     if (is_fmu(file)) throw Error("--clear-of", "is given with an FMU, expected a scenario");
@@ -42,7 +42,7 @@ int check(const fs::path& file, const std::string& scene, const std::vector<std:
 
 void add_inspection(CLI::App& app, Chosen& chosen) {
   const auto file = std::make_shared<fs::path>();
-  const auto scene = std::make_shared<std::string>();
+  const auto scene = std::make_shared<std::vector<std::string>>();
   const auto bases = std::make_shared<std::vector<std::string>>();
   const auto add = [&](const char* name, const char* description, const std::function<int()>& action) {
     CLI::App* command = app.add_subcommand(name, description);
@@ -59,8 +59,10 @@ void add_inspection(CLI::App& app, Chosen& chosen) {
       checked
           ->add_option(
               "--clear-of", *scene,
-              "Also whether the desired motions of joints keep clear of this scene (SDF file, or name of a scene), of the "
-              "other robots and of the robot itself, with the tools that it carries then")
+              "Also whether the desired motions of joints keep clear of this scene (SDF file, or name of a scene) or point "
+              "cloud (.pcd, .ply, .xyz, .csv), of the other robots and of the robot itself, with the tools that it carries "
+              "then; twice for both")
+          ->allow_extra_args(false)
           ->type_name("SCENE");
   checked
       ->add_option(

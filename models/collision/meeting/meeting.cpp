@@ -195,7 +195,8 @@ bool Checker::Impl::meets(double begin, double end, bool again) {
 Checker::~Checker() = default;
 const std::vector<std::string>& Checker::notes() const { return impl_->notes; }
 
-Checker::Checker(const scene::Scene& scene, std::vector<Stand> robots, const Options& options)
+Checker::Checker(const scene::Scene& scene, std::vector<Stand> robots, const Options& options,
+                 std::span<const PlacedCloud> clouds)
     : impl_(std::make_unique<Impl>()) {
   Impl& all = *impl_;
   all.robots = std::move(robots);
@@ -207,6 +208,7 @@ Checker::Checker(const scene::Scene& scene, std::vector<Stand> robots, const Opt
     if (all.cell.parts[k].body.open()) text::append(open, scene.bodies[k].name);
     all.cell.parts[k].moves = false;
   }
+  for (const PlacedCloud& cloud : clouds) all.cell.place(all.cell.add(cloud.name, cloud.points, cloud.radius), cloud.X_WC);
   for (const Stand& stand : all.robots) {
     std::string without = all.cell.add(stand.robot, false);
     all.tools.resize(all.cell.parts.size());

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "models/cloud/tree.h"
 #include "models/scene/cell.h"
 #include "models/trajectory/trajectory.h"
 
@@ -24,6 +25,14 @@ struct Stand {
   scene::PlacedRobot robot;
   Pose X_WB;
   std::vector<Tool> tools = {};
+};
+
+/// A point cloud that stands beside the bodies of a scene.
+struct PlacedCloud {
+  std::string name = "cloud";
+  std::shared_ptr<const cloud::Tree> points;
+  double radius = 0;  // of the ball around each point, m
+  Pose X_WC;
 };
 
 /// What a robot does: it follows `path`, rests before and after it or goes on, or, where that has no joints, rests at q (n, rad or m).
@@ -55,12 +64,13 @@ struct Verdict {
   Nearest nearest;
 };
 
-/// Answers for one robot, the first, among others that move or stand, and a scene whose bodies all stand. Nothing is passed, however thin it is
+/// Answers for one robot, the first, among others that move or stand, and a scene whose bodies all stand, with clouds. Nothing is passed, however thin it is
 /// (sweep.h): the joints' speeds and levers bound how far the points of a pair move.
 class Checker {
  public:
   /// Throws Error for a robot without shapes, shapes whose distance is not measured, and unknown names in `ignore`.
-  Checker(const scene::Scene& scene, std::vector<Stand> robots, const Options& options);
+  Checker(const scene::Scene& scene, std::vector<Stand> robots, const Options& options,
+          std::span<const PlacedCloud> clouds = {});
   ~Checker();
   /// What should be told beside the verdict: bodies that move in the scene and stand here, meshes that are not closed, links and tools without
   /// shapes.

@@ -269,7 +269,7 @@ TEST_F(ClearOfScenes, FindMotionsAroundAnObstacle) {
 }
 
 TEST_F(ClearOfScenes, RefuseWhatTheyCannotAnswer) {
-  EXPECT_THAT(refusal(json::object()), HasSubstr("/clear_of/scene: is missing, and there are no robots and no self"));
+  EXPECT_THAT(refusal(json::object()), HasSubstr("/clear_of/scene: is missing, and there are no cloud, no robots and no self"));
   EXPECT_THAT(refusal({{"scene", "nothing"}}), HasSubstr("/clear_of/scene: scene: 'nothing' is unknown"));
   const std::string path = (folder_ / "scenes/post.sdf").string();
   EXPECT_THAT(refusal({{"scene", path}}), HasSubstr("is not a name of letters"));

@@ -101,8 +101,7 @@ TEST_F(CloudCommand, RefusesWithOneMessage) {
 // The cloud is in the FMU, also under a name that has the separators of lists.
 TEST_F(CloudCommand, MonitorsTakeTheirCloudAlong) {
   folder_.write("cells/left, 2.csv", "x,y,z\n2,0,0.5\n2,0.05,0.5\n");
-  const RunResult packed =
-      run({"pack", "unit:monitor?robot=lwr4&cloud=cells/left, 2.csv", "--fmi", "2", "-o", "monitor.fmu"});
+  const RunResult packed = run({"pack", "unit:monitor?robot=lwr4&cloud=cells/left, 2.csv", "--fmi", "2", "-o", "monitor.fmu"});
   ASSERT_EQ(packed.code, 0) << packed.err;
   fs::remove_all(folder_ / "cells");
   const RunResult ran = run({"run", "monitor.fmu", "--stop-time", "0.002", "--output-file", "out.csv"});

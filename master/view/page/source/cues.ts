@@ -1,4 +1,5 @@
 import * as three from 'three';
+import type { Marks } from './clouds';
 import { kCues, kRoles } from './colours';
 import { Distances } from './distances';
 import { element, short } from './dom';
@@ -19,6 +20,8 @@ export interface Scenery {
   figures: FigureView[];
   bodies: BodyView[];
   scene: three.Scene;
+  /// Where the points of clouds are marked.
+  marks: Marks;
 }
 
 /// Something that can be switched on in the 3D view. `lacks`: what must be recorded for it, empty if it can be shown.

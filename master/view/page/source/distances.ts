@@ -80,6 +80,7 @@ export class Distances implements Cue {
   }
   show(on: boolean): void {
     this.group.visible = on;
+    if (!on) this.s.marks.set([]);
   }
   /// The nearest pair changes from one row to the next, so points are not interpolated.
   update({ row }: Place): string[] {
@@ -87,8 +88,11 @@ export class Distances implements Cue {
       const columns = this.s.recording.values(name)!;
       return new three.Vector3(columns[0]![row], columns[1]![row], columns[2]![row]);
     };
-    return this.s.data.distances.slice(0, this.measures.length).map(({ name, p_a, p_b, distance }, k) => {
-      const d = this.s.recording.values(distance)![0]![row]!;
+    const shown = this.s.data.distances.slice(0, this.measures.length);
+    const length = (name: string): number => this.s.recording.values(name)![0]![row]!;
+    this.s.marks.set(shown.filter((source) => length(source.distance) < 1e11).map((source) => at(source.p_b)));
+    return shown.map(({ name, p_a, p_b, distance }, k) => {
+      const d = length(distance);
       this.measures[k]!.set(at(p_a), at(p_b), d);
       return `${name}: ${d < 1e11 ? `${short(d)} m` : 'nobody is near'}`;
     });

@@ -57,6 +57,14 @@ export interface Visual extends Pose {
   mesh?: number;
 }
 
+/// The point cloud of a monitor. A point is at low + step · k in its frame; `points`: k, whole numbers from 0 to 65535, all x, then all y, then all z.
+export interface Cloud extends Pose {
+  name: string;
+  low: Vector;
+  step: Vector;
+  points: Packed;
+}
+
 export interface Mesh {
   name: string;
   format: 'stl' | 'obj' | 'dae' | 'gltf' | 'glb';
@@ -221,6 +229,8 @@ export interface PageData {
   robots: Robot[];
   figures: Figure[];
   bodies: Body[];
+  /// Absent in pages of earlier versions.
+  clouds?: Cloud[];
   meshes: Mesh[];
   contacts: Contacts[];
   contacts_lack: string;

@@ -2,6 +2,7 @@ import 'uplot/dist/uPlot.min.css';
 import './style.css';
 import * as three from 'three';
 import { Connection, Refused, type LiveSignal, type RunFacts } from './connection';
+import { CloudView, Marks } from './clouds';
 import { Controls } from './controls';
 import { Instances } from './instances';
 import { Lights } from './lights';
@@ -66,6 +67,8 @@ class Page {
   private stage!: Stage;
   private figures: FigureView[] = [];
   private bodies: BodyView[] = [];
+  private clouds: CloudView[] = [];
+  private readonly marks = new Marks();
   private cues: Cue[] = [];
   private readonly shown = new Set<string>();
   private readonly built = new Set<string>();
@@ -257,8 +260,9 @@ class Page {
     const { data } = this;
     const points = new Map<object, Float32Array>();
     const visuals: Visual[] = [...data.robots.flatMap((robot) => [...robot.visuals, ...robot.solids].flat()), ...data.bodies.flatMap((body) => body.visuals), ...data.figures.flatMap((figure) => figure.tools.flatMap((tool) => tool.visuals))];
-    const [meshes] = await Promise.all([
+    const [meshes, clouds] = await Promise.all([
       load_meshes(data.meshes, this.numbers, (text) => this.remark(text)),
+      Promise.all((data.clouds ?? []).map((cloud) => CloudView.make(cloud, this.numbers, this.marks))),
       ...visuals.map(async (visual) => {
         if (visual.points !== undefined) points.set(visual, (await unpack(this.numbers, visual.points)) as Float32Array);
       }),
@@ -272,7 +276,8 @@ class Page {
     const instances = new Instances();
     this.bodies = data.bodies.map((body) => new BodyView(body, this.scenery, of, meshes, body.ghost ? ghost : body.fixed ? fixed : moving, instances));
     instances.build();
-    this.stage.scene.add(instances.group, ...[...this.figures, ...this.bodies].map((view) => view.group));
+    this.clouds = clouds;
+    this.stage.scene.add(instances.group, ...[...this.figures, ...this.bodies, ...clouds].map((view) => view.group));
     const place = this.scenery.place(this.player.time);
     for (const view of [...this.figures, ...this.bodies]) view.place(place, this.player.time);
     this.dress();
@@ -292,7 +297,7 @@ class Page {
     if (this.live !== undefined) this.calculated = new LiveMatrices(recording, figures);
     const calculated = this.calculated;
     const size = Math.max(0.3, ...figures.map((view) => reach_of(view.robot)));
-    this.cues = cues_of({ data, recording, calculated, figures, bodies, scene: this.stage.scene }, figures.length > 0 ? size : 1);
+    this.cues = cues_of({ data, recording, calculated, figures, bodies, scene: this.stage.scene, marks: this.marks }, figures.length > 0 ? size : 1);
     const panel = document.getElementById('cues')!;
     const keys = document.getElementById('keys')!;
     for (const cue of this.cues) {
@@ -381,7 +386,7 @@ class Page {
     if (this.stage === undefined) return;
     const box = new three.Box3();
     for (const view of this.figures) box.union(view.box());
-    for (const view of this.bodies) {
+    for (const view of [...this.bodies, ...this.clouds]) {
       const own = view.box();
       if (own.getSize(new three.Vector3()).length() < 15) box.union(own);
     }
