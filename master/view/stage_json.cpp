@@ -12,6 +12,7 @@
 #include "master/view/calculated.h"
 #include "master/view/visuals_json.h"
 #include "models/cloud/cloud_file.h"
+#include "models/cloud/tree.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
 #include "models/numerics/dense.h"
@@ -103,6 +104,7 @@ Json Writer::cloud_json(const StagedCloud& staged) {
   }
   Json json = {{"name", staged.name}, {"low", vector_json(origin)}, {"step", vector_json(step)}};
   add_pose(json, staged.X_WC);
+  json["size"] = shown.points.size() > 1 ? cloud::spacing(cloud::Tree(shown), 2000).median : 0.01;
   json["points"] = packer_.add_reals(steps);
   return json;
 }

@@ -40,8 +40,8 @@ Surroundings surroundings(const std::vector<std::string>& names, std::optional<d
     }
     const cloud::Obstacle read = cloud::load_obstacle(file);
     for (const std::string& remark : read.remarks) notes.push_back(file.string() + ": " + remark);
-    notes.push_back("the " + std::to_string(read.points->cloud().points.size()) + " points of " + file.filename().string() +
-                    " are balls of " + text::to_text(read.touching(), 3) + " m");
+    notes.push_back("the " + text::counted(std::ssize(read.points->cloud().points), "point") + " of " +
+                    file.filename().string() + " have balls of " + text::to_text(read.touching(), 3) + " m");
     all.clouds.push_back({.points = read.points, .radius = read.touching(), .X_WC = {}});
   }
   if (floor) {

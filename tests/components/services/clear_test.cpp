@@ -2,6 +2,7 @@
 #include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
+#include <chrono>
 #include <cmath>
 #include <filesystem>
 #include <memory>
@@ -12,6 +13,8 @@
 
 #include "components/services/json/json.h"
 #include "components/services/services.h"
+#include "models/cloud/cloud_file.h"
+#include "models/cloud/sample.h"
 #include "models/robot/frame_kinematics.h"
 #include "tests/support/error_of.h"
 #include "tests/support/files.h"
@@ -266,6 +269,60 @@ TEST_F(ClearOfScenes, FindMotionsAroundAnObstacle) {
   }
   EXPECT_EQ(front.size(), clear);
   EXPECT_GT(whole.size(), 3U);
+}
+
+// The post as points.
+TEST_F(ClearOfScenes, KnowPointClouds) {
+  std::vector<std::string> notes;
+  const auto write = [&](const std::string& file, double spacing) {
+    std::ostringstream out;
+    cloud::write_cloud(out, cloud::sample(robots_.scene("post", notes), {.spacing = spacing}, notes), cloud::Format::kPcd);
+    folder_.write(file, out.str());
+  };
+  write("scenes/post_cloud.pcd", 0.01);
+  const json met = ask({{"clear_of", {{"scene", "post"}}}}), cloud = ask({{"clear_of", {{"cloud", {{"name", "post_cloud"}}}}}});
+  EXPECT_EQ(cloud["feasible"], false);
+  EXPECT_THAT(cloud["reason"].get<std::string>(), HasSubstr("meets cloud at"));
+  const json nearest = cloud["clear_of"]["nearest"];
+  EXPECT_EQ(nearest["obstacle"], "cloud");
+  EXPECT_NEAR(nearest["t_s"].get<double>(), met["clear_of"]["nearest"]["t_s"].get<double>(), 0.03);
+  EXPECT_THAT(cloud["notes"].dump(), ::testing::Not(HasSubstr("radius_m")));
+  // Elsewhere, and beside a scene.
+  const json away{{"name", "post_cloud"}, {"p_m", {0.5, 0.5, 0}}};
+  EXPECT_EQ(ask({{"clear_of", {{"cloud", away}}}})["clear_of"]["clear"], true);
+  EXPECT_EQ(ask({{"clear_of", {{"cloud", away}, {"scene", "post"}}}})["clear_of"]["nearest"]["obstacle"], "post");
+  const json turned{{"name", "post_cloud"}, {"quaternion_wxyz", {0, 0, 0, 1}}};
+  EXPECT_EQ(ask({{"clear_of", {{"cloud", turned}}}})["clear_of"]["clear"], true);
+  EXPECT_EQ(
+      ask({{"clear_of", {{"cloud", {{"name", "post_cloud"}}}, {"ignore", json::array()}}}}, "cycle_time")["clear_of"]["clear"],
+      false);
+  // Larger balls are met earlier; of smaller ones a note tells.
+  const json larger = ask({{"clear_of", {{"cloud", {{"name", "post_cloud"}, {"radius_m", 0.1}}}}}});
+  EXPECT_LT(larger["clear_of"]["nearest"]["t_s"], nearest["t_s"]);
+  const json points = ask({{"clear_of", {{"cloud", {{"name", "post_cloud"}, {"radius_m", 0}}}}}});
+  EXPECT_THAT(points["notes"].dump(), HasSubstr("radius_m is 0 m, but 95 % of the points are up to 0.0"));
+  // It is read again when it has changed.
+  write("scenes/post_cloud.pcd", 0.1);
+  std::filesystem::last_write_time(folder_ / "scenes/post_cloud.pcd",
+                                   std::filesystem::file_time_type::clock::now() + std::chrono::hours(1));
+  EXPECT_THAT(ask({{"clear_of", {{"cloud", {{"name", "post_cloud"}, {"radius_m", 0.01}}}}}})["notes"].dump(),
+              HasSubstr("radius_m is 0.01 m"));
+
+  const auto refused = [&](const json& given) { return refusal({{"cloud", given}}); };
+  EXPECT_THAT(refused({{"name", "nothing"}}), HasSubstr("/clear_of/cloud/name: cloud: 'nothing' is unknown"));
+  EXPECT_THAT(refused({{"name", (folder_ / "scenes/post_cloud.pcd").string()}}), HasSubstr("paths are for the command line"));
+  EXPECT_THAT(refused({{"name", "post_cloud"}, {"radius_m", -1}}), HasSubstr("/clear_of/cloud/radius_m: is negative"));
+  EXPECT_THAT(refused({{"name", "post_cloud"}, {"surprise", 1}}), HasSubstr("/clear_of/cloud/surprise"));
+  folder_.write("scenes/bad.pcd", "VERSION");
+  EXPECT_THAT(refused({{"name", "bad"}}), HasSubstr("has no columns, expected x, y, z"));
+  Robots local{{places::source() + "/models/robots"}, "", true};
+  json request{{"service", "feasibility"},
+               {"robot", "lwr4"},
+               {"from_q_rad", json::array({0, -1.2, 0, 0.9, 0, -0.3, 0})},
+               {"to_q_rad", json::array({1.2, -1.2, 0, 0.9, 0, -0.3, 0})},
+               {"T_s", 2}};
+  request["clear_of"] = {{"cloud", {{"name", (folder_ / "scenes/post_cloud.pcd").string()}}}};
+  EXPECT_EQ(json::parse(answer(local, request.dump()))["clear_of"]["clear"], false);
 }
 
 TEST_F(ClearOfScenes, RefuseWhatTheyCannotAnswer) {

@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "models/cloud/cloud_file.h"
 #include "tests/support/files.h"
 #include "tests/support/places.h"
 #include "tests/support/run_program.h"
@@ -44,6 +45,55 @@ TEST(CheckClearOf, NamesTheLegTheLinkAndTheTime) {
               ::testing::ContainsRegex("error: left: link_[3-7] meets box at [01]\\.[0-9]+ s, between waypoints 1 and 2"));
   EXPECT_THAT(near.out, HasSubstr("note: right: clear"));
   EXPECT_THAT(run_program({"check", cell, "--clear-of", "nowhere"}).err, HasSubstr("scene 'nowhere': is neither a file nor"));
+}
+
+// A scene, a cloud and both, by paths and by name. The straight motion of example 29 hits what its README says.
+TEST(CheckClearOf, KnowsPointClouds) {
+  const cotwin::testing::TemporaryFolder folder("clear_of_cloud");
+  const std::string cell = cotwin::places::source() + "/examples/25_shared_cell/cell.ssd";
+  folder.write("far.sdf", box("0 3 0.5"));
+  folder.write("near.sdf", box("0.4 -0.4 0.6"));
+  ASSERT_EQ(run_program({"cloud", "--from", folder / "near.sdf", "--spacing", "0.01", "-o", folder / "near.ply"}).code, 0);
+  const RunResult scene = run_program({"check", cell, "--clear-of", folder / "near.sdf"});
+  const RunResult cloud = run_program({"check", cell, "--clear-of", folder / "near.ply"});
+  const RunResult both = run_program({"check", cell, "--clear-of", folder / "near.ply", "--clear-of", folder / "far.sdf"});
+  for (const RunResult* result : {&cloud, &both}) {
+    EXPECT_EQ(result->code, 2);
+    EXPECT_THAT(result->out, ::testing::ContainsRegex("note: the 2400 points of near.ply have balls of 0.00[4-7][0-9]* m"));
+  }
+  const auto meeting = [](const std::string& out) {
+    return out.substr(out.find("error: left"), out.find(" meets") - out.find("error: left"));
+  };
+  EXPECT_EQ(meeting(cloud.out), meeting(scene.out));
+  EXPECT_THAT(cloud.out, HasSubstr(" meets cloud at "));
+  EXPECT_THAT(both.out, HasSubstr("note: right: clear; nearest: "));
+  EXPECT_THAT(run_program({"check", cell, "--clear-of", folder / "near.ply", "--clear-of", folder / "near.ply"}).err,
+              HasSubstr("is the second cloud, expected one"));
+  EXPECT_THAT(run_program({"check", cell, "--clear-of", folder / "far.sdf", "--clear-of", folder / "near.sdf"}).err,
+              HasSubstr("is the second scene, expected one"));
+
+  const std::string scanned = cotwin::places::source() + "/examples/29_scanned_cell/";
+  const RunResult clear = run_program({"check", scanned + "cell.ssd", "--clear-of", "cell_cloud"});
+  EXPECT_EQ(clear.code, 0) << clear.out << clear.err;
+  EXPECT_THAT(clear.out, HasSubstr("note: motion: clear; nearest: wrist_1_link, 0.176 m from cloud"));
+  const auto straight = [](const std::string& what) {
+    return run_program({"ask", "feasibility", "--robot", "ur5e", "--from", "2.5,-1.2,1.4,-1.8,-1.57,0", "--to",
+                        "3.8,-1.2,1.4,-1.8,-1.57,0", "--with",
+                        R"({"clear_of": {)" + what + R"(, "base": {"p_m": [0, 0, 0.6]}}})"})
+        .out;
+  };
+  EXPECT_THAT(straight(R"("cloud": {"name": "cell_cloud"})"), HasSubstr("wrist_1_link meets cloud at 0.2852 s"));
+  EXPECT_THAT(straight(R"("scene": ")" + scanned + R"(cell.sdf")"), HasSubstr("wrist_1_link meets post at 0.2936 s"));
+  // The cloud is what the program makes of the scene.
+  ASSERT_EQ(run_program({"cloud", "--from", scanned + "cell.sdf", "--spacing", "0.03", "--sigma", "0.001", "--seed", "1", "-o",
+                         folder / "again.pcd"})
+                .code,
+            0);
+  const cotwin::cloud::Cloud again = cotwin::cloud::load_cloud(folder / "again.pcd").cloud;
+  const cotwin::cloud::Cloud kept =
+      cotwin::cloud::load_cloud(cotwin::places::source() + "/models/scenes/cell_cloud/scene.pcd").cloud;
+  ASSERT_EQ(again.points.size(), kept.points.size());
+  for (std::size_t k = 0; k < kept.points.size(); ++k) ASSERT_LT((again.point(k) - kept.point(k)).norm(), 1e-6);
 }
 
 /// A block of 3 m with a dent on top: closed and concave.
@@ -300,6 +350,10 @@ TEST(ExciteClearOf, FindsAMotionThatAMonitorSeesTouchNothing) {
   EXPECT_THAT(found.out, ::testing::Not(HasSubstr("not checked for collisions")));
   EXPECT_GT(watched(), 0);
   EXPECT_THAT(checked().out, HasSubstr("note: motion: clear; nearest: "));
+  folder.write("far.csv", "x,y,z\n3,0,1\n");
+  const RunResult both = excite({"--clear-of", folder / "floor.sdf", "--clear-of", folder / "far.csv"});
+  EXPECT_EQ(both.out, found.out);
+  EXPECT_THAT(both.err, HasSubstr("the 1 point of far.csv have balls of 0 m"));
 
   fs::remove(folder / "motion.csv");
   const RunResult never = excite({"--floor", "0.3"});

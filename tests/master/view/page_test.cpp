@@ -10,6 +10,7 @@
 
 #include "master/results/results.h"
 #include "master/scenery/recorded.h"
+#include "models/cloud/cloud_file.h"
 #include "models/robot/frame_kinematics.h"
 #include "models/robot/urdf/urdf.h"
 #include "tests/support/files.h"
@@ -160,6 +161,29 @@ TEST_F(Page, ShowsTwoRobotsAndABodyInContact) {
                         {"cues", json::array({"distances", "trails", "contacts"})},
                         {"lacking", json::array({"hand"})}};
   check(json::array({shown, watched}));
+}
+
+// Its points are where they were measured, and marked near the link.
+TEST_F(Page, ShowsAScannedCell) {
+  const RunResult run = cotwin({"run", (root_ / "examples/29_scanned_cell/cell.ssd").string(), "--stop", "0.1", "--out",
+                                "scanned", "--quiet", "--set", "monitor.cloud.p0=0 0.1 0.2"});
+  ASSERT_EQ(run.code, 0) << run.err;
+  ASSERT_EQ(cotwin({"view", "scanned"}).code, 0);
+  const Recorded recorded = load_recorded(folder_ / "scanned/signals.csv");
+  Eigen::Vector3d low = Eigen::Vector3d::Constant(1e9), high = -low;
+  const cloud::Cloud points = cloud::load_cloud(root_ / "models/scenes/cell_cloud/scene.pcd").cloud;
+  for (std::size_t k = 0; k < points.points.size(); ++k) {
+    low = low.cwiseMin(points.point(k));
+    high = high.cwiseMax(points.point(k));
+  }
+  json box = json::array();
+  for (const Eigen::Vector3d& corner : {low, high})
+    for (Eigen::Index i = 0; i < 3; ++i) box.push_back(corner[i] + Eigen::Vector3d(0, 0.1, 0.2)[i]);
+  check(json::array(
+      {{{"file", page("scanned/view.html")},
+        {"seeks", json::array({{{"t", 0.1}}})},
+        {"cues", json::array({"distances"})},
+        {"cloud", {{"box", box}, {"near", list_of(values_of(recorded, "monitor.p_b", recorded.time.size() - 1))}}}}}));
 }
 
 // What moves is in view.bin; each number of a slide is in m and N.

@@ -6,6 +6,7 @@
 #include <Eigen/Dense>
 #include <bit>
 #include <cmath>
+#include <fstream>
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <random>
@@ -20,6 +21,8 @@
 #include "master/view/calculated.h"
 #include "master/view/packer.h"
 #include "master/view/stage_json.h"
+#include "models/cloud/cloud_file.h"
+#include "models/cloud/sample.h"
 #include "models/foundation/support/error.h"
 #include "models/robot/indices.h"
 #include "models/robot/urdf/urdf.h"
@@ -409,6 +412,58 @@ TEST(Scenery, ShowsWhatAMonitorWatches) {
   EXPECT_EQ(page.at("distances_lack"), "");
   const auto lacking = page_of(recording_of({{"left.q_d", 7}, {"right.q_d", 6}}), stage);
   EXPECT_EQ(lacking.at("distances_lack"), "record monitor.left.p_a, monitor.left.p_b and monitor.left.distance");
+}
+
+// Each point within half a step of 16 bits, in the frame of the cloud; more than 300 000 as the means of cubes.
+TEST(Scenery, ShowsThePointsOfAMonitorsCloud) {
+  const fs::path root = places::source();
+  const testing::TemporaryFolder folder("cloud");
+  Scenario scenario = load_scenario(root / "examples/29_scanned_cell/cell.ssd");
+  const auto component = std::ranges::find(scenario.components, "monitor", &ComponentSpec::name);
+  const std::vector<fs::path> folders = {scenario.folder, root / "models"};
+  std::vector<std::string> remarks;
+  Packer packer;
+  const auto cloud_of = [&](const std::string& file) {
+    component->source = "unit:monitor?robot=ur5e&cloud=" + file;
+    const Recorded recorded = recording_of({{"motion.q_d", 6}});
+    const Scenery stage = scenery_of(scenario, recorded, unit_types(), folders);
+    CalculatedTable calculated;
+    remarks.clear();
+    packer = {};
+    const auto page = stage_json({stage, recorded, &scenario, unit_types(), folders}, {}, calculated, packer, remarks);
+    return page.at("clouds").empty() ? Packer::Json() : page.at("clouds")[0];
+  };
+  const auto shown = cloud_of("scenes/cell_cloud/scene.pcd");
+  const cloud::Cloud points = cloud::load_cloud(root / "models/scenes/cell_cloud/scene.pcd").cloud;
+  const std::vector<double> steps = unpacked(packer, shown.at("points"));
+  ASSERT_EQ(steps.size(), 3 * points.points.size());
+  for (std::size_t k = 0; k < points.points.size(); ++k) {
+    for (std::size_t i = 0; i < 3; ++i) {
+      const double step = shown.at("step")[i],
+                   x = shown.at("low")[i].get<double>() + step * steps[i * points.points.size() + k];
+      ASSERT_NEAR(x, points.point(k)[static_cast<Eigen::Index>(i)], 0.51 * step + 1e-7);
+    }
+  }
+  EXPECT_LT(shown.at("step")[0], 1e-4);
+  EXPECT_THAT(remarks, IsEmpty());
+
+  std::vector<std::string> none;
+  scene::Scene ball;
+  ball.bodies.resize(1);
+  ball.bodies[0].shapes.resize(1);
+  ball.bodies[0].shapes[0].size = {1, 0, 0};
+  std::ofstream out(folder / "many.pcd", std::ios::binary);
+  cloud::write_cloud(out, cloud::sample(ball, {.spacing = 0.005}, none), cloud::Format::kPcd);
+  out.close();
+  const auto thinned = cloud_of((folder / "many.pcd").string());
+  EXPECT_LE(thinned.at("points").at("count").get<std::size_t>() / 3, 300'000u);
+  EXPECT_GT(thinned.at("points").at("count").get<std::size_t>() / 3, 100'000u);
+  EXPECT_THAT(remarks, ElementsAre(HasSubstr("of the 502655 points of many.pcd the page shows ")));
+  EXPECT_LT(packer.base64().size(), 3'000'000u);
+
+  folder.write("bad.pcd", "VERSION");
+  EXPECT_TRUE(cloud_of((folder / "bad.pcd").string()).is_null());
+  EXPECT_THAT(remarks, ElementsAre(HasSubstr("a point cloud is left out: ")));
 }
 
 // Obstacles are where the monitor has them, also if a contact world knows them, whichever comes first.

@@ -4,12 +4,14 @@
 
 #include <cmath>
 #include <cstring>
+#include <functional>
 #include <random>
 #include <sstream>
 #include <string>
 #include <vector>
 
 #include "models/cloud/cloud_file.h"
+#include "models/cloud/sample.h"
 #include "models/cloud/tree.h"
 #include "models/mechanics/pose.h"
 #include "tests/support/error_of.h"
@@ -196,7 +198,8 @@ TEST(CloudFiles, ThatAreDamagedNameThePlace) {
               HasSubstr("a.file:4: 'SIZE x 8 4 1 2', expected a whole"));
   EXPECT_THAT(error_in(replaced(binary, " z", " h"), Format::kPcd),
               HasSubstr("has the columns intensity, h, x, rgb, y, expected x, y, z"));
-  EXPECT_THAT(error_in(replaced(binary, "TYPE F F", "TYPE F I"), Format::kPcd), HasSubstr("expected coordinates up to 1e+07 m"));
+  EXPECT_THAT(error_in(replaced(binary, "TYPE F F", "TYPE F I"), Format::kPcd),
+              HasSubstr("expected coordinates up to 1e+07 m"));
   EXPECT_THAT(error_in(replaced(binary, "TYPE F F", "TYPE F X"), Format::kPcd), HasSubstr("column z is 1 × type X of 8 bytes"));
   EXPECT_THAT(error_in(replaced(binary, "DATA binary", "DATA bin"), Format::kPcd), HasSubstr("expected DATA ascii, binary or"));
   EXPECT_THAT(error_in(replaced(binary, "VERSION", "WARSION"), Format::kPcd), HasSubstr("a.file:2: "));
@@ -281,6 +284,81 @@ TEST(Tree, KnowsTheSpacing) {
   EXPECT_EQ(all.most, gaps[1899]);
   EXPECT_NEAR(some.median, all.median, 0.2 * all.median);
   EXPECT_TRUE(std::isinf(spacing(Tree(make_cloud(std::vector{Vector3d(1, 2, 3)}))).median));
+}
+
+// The share of points and the mean of their coordinates are those of the areas; the deviation is that of the normal distribution.
+TEST(Clouds, OfScenesAreEvenlyOnTheirSurfaces) {
+  const auto shape = [](scene::ShapeType type, const Vector3d& size) {
+    scene::Shape s;
+    s.type = type;
+    s.size = size;
+    return s;
+  };
+  constexpr double kPi = 3.14159265358979323846, r = 0.3, l = 0.7;
+  scene::Shape triangle = shape(scene::ShapeType::kTriangle, {0.1, 0, 0}), hull = shape(scene::ShapeType::kHull, {});
+  triangle.vertices = {{0, 0, 0}, {1, 0, 0}, {0, 2, 0}};
+  hull.vertices = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
+  struct Case {
+    scene::Shape shape;
+    double area, z2;  // m²; the mean of z²
+    std::function<double(const Vector3d&)> off;
+  };
+  const double cap = 2 * kPi * r * r;
+  const auto from_axis = [](const Vector3d& p) { return std::hypot(p.x(), p.y()); };
+  const std::vector<Case> cases{
+      {shape(scene::ShapeType::kSphere, {r, 0, 0}), 4 * kPi * r * r, r * r / 3, [](const Vector3d& p) { return p.norm() - r; }},
+      {shape(scene::ShapeType::kCylinder, {r, l, 0}), 2 * kPi * r * l + cap,
+       (2 * kPi * r * l * l * l / 12 + cap * l * l / 4) / (2 * kPi * r * l + cap),
+       [&](const Vector3d& p) { return std::max(from_axis(p) - r, std::abs(p.z()) - l / 2); }},
+      {shape(scene::ShapeType::kCapsule, {r, l, 0}), 2 * kPi * r * l + 2 * cap,
+       (2 * kPi * r * l * l * l / 12 + 2 * cap * (l * l / 4 + l * r / 2 + r * r / 3)) / (2 * kPi * r * l + 2 * cap),
+       [](const Vector3d& p) { return (p - Vector3d(0, 0, std::clamp(p.z(), -l / 2, l / 2))).norm() - r; }},
+      {shape(scene::ShapeType::kBox, {0.2, 0.4, 0.6}), 2 * (0.08 + 0.12 + 0.24), (0.16 * 0.09 + 0.72 * 0.03) / 0.88,
+       [](const Vector3d& p) { return (p.cwiseAbs() - Vector3d(0.1, 0.2, 0.3)).maxCoeff(); }},
+      {shape(scene::ShapeType::kEllipsoid, {r, r, r}), 4 * kPi * r * r, r * r / 3,
+       [](const Vector3d& p) { return p.norm() - r; }},
+      {triangle, 1, 0,
+       [](const Vector3d& p) {
+         return std::max({std::abs(p.z()), -p.x(), -p.y(), p.x() + p.y() / 2 - 1});
+       }},
+      {hull, 1.5 + std::sqrt(0.75), (1 + std::sqrt(0.75)) / 6 / (1.5 + std::sqrt(0.75)), [](const Vector3d& p) {
+         return std::max({-p.x(), -p.y(), -p.z(), (p.sum() - 1) / std::sqrt(3.0)});
+       }}};
+  for (const Case& one : cases) {
+    SCOPED_TRACE(static_cast<int>(one.shape.type));
+    scene::Scene scene;
+    scene.bodies.resize(1);
+    scene.bodies[0].shapes = {one.shape};
+    scene.bodies[0].X_WB = {rotation_from_rpy(1, 2, 3), {4, 5, 6}};
+    constexpr double kSpacing = 0.01, kSigma = 0.002;
+    std::vector<std::string> left_out;
+    const Cloud cloud = sample(scene, {.spacing = kSpacing}, left_out), rough = sample(scene, {kSpacing, kSigma, 3}, left_out);
+    EXPECT_NEAR(static_cast<double>(cloud.points.size()), one.area * 1e4, 1 + 1e-3 * one.area * 1e4);
+    double z2 = 0, square = 0;
+    for (std::size_t k = 0; k < cloud.points.size(); ++k) {
+      const Vector3d p = scene.bodies[0].X_WB.inverse() * cloud.point(k);
+      EXPECT_NEAR(one.off(p), 0, 1e-6);
+      z2 += p.z() * p.z() / static_cast<double>(cloud.points.size());
+      square += (rough.point(k) - cloud.point(k)).squaredNorm() / static_cast<double>(cloud.points.size());
+    }
+    EXPECT_NEAR(z2, one.z2, 0.003);
+    EXPECT_NEAR(std::sqrt(square), kSigma, 0.05 * kSigma);
+    EXPECT_TRUE(left_out.empty());
+    const Spacing gaps = spacing(Tree(cloud));
+    EXPECT_GT(gaps.median, 0.5 * kSpacing);
+    EXPECT_LT(gaps.largest, 2 * kSpacing);
+  }
+  scene::Scene plane;
+  plane.bodies.resize(1);
+  plane.bodies[0].name = "floor";
+  plane.bodies[0].shapes = {shape(scene::ShapeType::kPlane, {})};
+  std::vector<std::string> left_out;
+  EXPECT_TRUE(sample(plane, {}, left_out).points.empty());
+  EXPECT_THAT(left_out, ElementsAre("floor"));
+  scene::Scene ball;
+  ball.bodies.resize(1);
+  ball.bodies[0].shapes = {shape(scene::ShapeType::kSphere, {1, 0, 0})};
+  EXPECT_THAT(error_of([&] { (void)sample(ball, {.spacing = 1e-5}, left_out); }), HasSubstr("more than 1e8 points"));
 }
 
 TEST(Clouds, AreThinnedToTheMeansOfCubes) {

@@ -7,11 +7,13 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <memory>
 #include <numbers>
 #include <random>
 #include <string>
 #include <vector>
 
+#include "models/cloud/sample.h"
 #include "models/collision/body.h"
 #include "models/collision/contact/detector.h"
 #include "models/robot/urdf/urdf.h"
@@ -216,15 +218,26 @@ class Cells : public ::testing::Test {
   std::mt19937 random_{3};
 };
 
-// The same by many samples.
+/// The surfaces of a scene as points.
+PlacedCloud cloud_of(const scene::Scene& s, double spacing, double radius) {
+  std::vector<std::string> none;
+  return {"cloud", std::make_shared<cloud::Tree>(cloud::sample(s, {.spacing = spacing}, none)), radius, {}};
+}
+
+// The same by many samples. Every fifth scene is a cloud.
 TEST_F(Cells, AnswerAsFinelySampledMotionsDo) {
   constexpr int kSamples = 1000;
   int clear = 0, touching = 0;
   for (int k = 0; k < 60; ++k) {
-    const scene::Scene s = scene(4);
+    scene::Scene s = scene(4);
+    std::vector<PlacedCloud> clouds;
+    if (k % 5 == 4) {
+      clouds.push_back(cloud_of(s, 0.02, 0.01));
+      s.bodies.clear();
+    }
     const std::vector<Stand> robots{shipped("lwr4", {0, 0, 0}), shipped("ur5e", {1, 0, 0})};
     const Options options{k % 3 == 0 ? 0.03 : 0, k % 2 == 0, {}};
-    Checker checker(s, robots, options);
+    Checker checker(s, robots, options, clouds);
     std::vector<Motion> motions;
     for (const Stand& stand : robots)
       motions.push_back(k % 4 == 0 && !motions.empty() ? Motion{{}, posture(stand.robot.model)}
@@ -234,6 +247,7 @@ TEST_F(Cells, AnswerAsFinelySampledMotionsDo) {
     for (const auto& shapes : robots[0].robot.shapes) own.emplace_back(shapes);
     for (const auto& shapes : robots[1].robot.shapes) others.emplace_back(shapes);
     for (const scene::Body& b : s.bodies) others.emplace_back(b.shapes);
+    for (const PlacedCloud& cloud : clouds) others.emplace_back(cloud.points, cloud.radius);
     collision::Finder finder;
     for (const collision::Body& solid : own) finder.reserve(solid);
     for (const collision::Body& solid : others) finder.reserve(solid);
@@ -251,6 +265,7 @@ TEST_F(Cells, AnswerAsFinelySampledMotionsDo) {
       }
       std::vector<Pose> X_others = X[1];
       for (const scene::Body& b : s.bodies) X_others.push_back(b.X_WB);
+      for (const PlacedCloud& cloud : clouds) X_others.push_back(cloud.X_WC);
       for (std::size_t a = 0; a < own.size(); ++a) {
         for (std::size_t b = 0; b < others.size(); ++b) {
           if (a == 0 && (b == 0 || b >= X[1].size())) continue;
@@ -279,6 +294,36 @@ TEST_F(Cells, AnswerAsFinelySampledMotionsDo) {
   }
   EXPECT_GT(clear, 8);
   EXPECT_GT(touching, 20);
+}
+
+// The balls reach beyond the surfaces by their radius, and the points are at most so far apart.
+TEST_F(Cells, OfCloudsAreLikeTheirScenes) {
+  constexpr double kSpacing = 0.01, kRadius = 0.006, kGap = 0.02;
+  int clear = 0, touching = 0;
+  for (int k = 0; k < 60; ++k) {
+    const scene::Scene s = scene(4);
+    PlacedCloud cloud = cloud_of(s, kSpacing, kRadius);
+    Stand robot = shipped(k % 2 == 0 ? "lwr4" : "ur5e", {0, 0, 0});
+    Checker of_scene(s, {robot}, {});
+    const Motion motion = go(posture(robot.robot.model), posture(robot.robot.model), 2);
+    // Somewhere else in W, all the same.
+    const Pose X{rotation_from_rpy(0.3, -0.2, 1), {5, -3, 2}};
+    robot.X_WB = cloud.X_WC = X;
+    Checker of_cloud({}, {robot}, {}, {&cloud, 1});
+    const Verdict expected = of_scene.check({&motion, 1}), found = of_cloud.check({&motion, 1});
+    if (expected.clear) {
+      ++clear;
+      EXPECT_LE(found.nearest.d, expected.nearest.d - kRadius + kGap);
+      if (found.clear) EXPECT_GE(found.nearest.d, expected.nearest.d - kRadius - 1e-3 * (1 + expected.nearest.d));
+      if (!found.clear) EXPECT_LT(expected.nearest.d, kRadius + 1e-4);
+    } else {
+      ++touching;
+      if (!found.clear) EXPECT_EQ(found.nearest.other, "cloud");
+      EXPECT_TRUE(!found.clear || found.nearest.d < kGap - kRadius) << "a link that hardly touches may be between points";
+    }
+  }
+  EXPECT_GT(clear, 5);
+  EXPECT_GT(touching, 5);
 }
 
 // The contact world finds its points by other paths: normals of faces and edges first, and features.

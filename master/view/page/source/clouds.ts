@@ -6,9 +6,8 @@ import { unpack } from './packed';
 /// So many nearest points can be marked, and points as far from them, m.
 const kMostMarks = 8;
 const kReach = 0.3;
-/// The size of a point in the picture: pixels, and m where that is more.
+/// The least size of a point in the picture, pixels.
 const kPixels = 1.6;
-const kSize = 0.006;
 
 const kVertex = `
 uniform vec2 heights;
@@ -17,7 +16,7 @@ uniform vec3 highest;
 uniform vec3 marked;
 uniform vec3 marks[${kMostMarks}];
 uniform int count;
-uniform float pixels;
+uniform float pixels; // of a point at 1 m
 varying vec3 colour;
 void main() {
   vec4 world = modelMatrix * vec4(position, 1.0);
@@ -28,7 +27,7 @@ void main() {
   }
   if (nearest < ${kReach.toFixed(2)}) colour = marked;
   gl_Position = projectionMatrix * viewMatrix * world;
-  gl_PointSize = max(${kPixels.toFixed(2)}, pixels * ${kSize.toFixed(4)} / gl_Position.w);
+  gl_PointSize = max(${kPixels.toFixed(2)}, pixels / gl_Position.w);
 }`;
 const kFragment = `
 varying vec3 colour;
@@ -73,7 +72,7 @@ export class CloudView {
     points.material.uniforms['heights']!.value.set(box.min.z, box.max.z);
     points.onBeforeRender = (renderer, _scene, camera) => {
       const lens = camera as three.PerspectiveCamera;
-      points.material.uniforms['pixels']!.value = (renderer.domElement.height / 2) * lens.projectionMatrix.elements[5]!;
+      points.material.uniforms['pixels']!.value = cloud.size * (renderer.domElement.height / 2) * lens.projectionMatrix.elements[5]!;
     };
   }
   /// `numbers`: packed, base64.

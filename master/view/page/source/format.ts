@@ -62,6 +62,8 @@ export interface Cloud extends Pose {
   name: string;
   low: Vector;
   step: Vector;
+  /// Of a point in the picture, m.
+  size: number;
   points: Packed;
 }
 

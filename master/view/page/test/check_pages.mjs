@@ -111,6 +111,19 @@ async function switch_cues(browser, page) {
   }
 }
 
+/// The box of the first cloud in the world, and how many of its pixels are in the colour of distances while a place is marked, and when none is.
+async function look_at_cloud(browser, { box, near: place }) {
+  const found = await browser.evaluate('(() => { const { min, max } = cotwin.clouds[0].box(); return [...min.toArray(), ...max.toArray()]; })()');
+  check(found.every((x, i) => Math.abs(x - box[i]) < 2e-4), `the cloud is in the box ${found}, expected ${box}`);
+  const marked = await browser.evaluate('cotwin.marks.uniforms.marks.value[0].toArray()');
+  check(Math.hypot(...marked.map((x, i) => x - place[i])) < 1e-3, `points are marked at ${marked}, expected ${place}`);
+  const blue = () => browser.evaluate(`(() => { const { stage } = cotwin; stage.invalidate(); stage.draw(0); const gl = stage.renderer.getContext(); const [w, h] = [gl.drawingBufferWidth, gl.drawingBufferHeight]; const p = new Uint8Array(4 * w * h); gl.readPixels(0, 0, w, h, gl.RGBA, gl.UNSIGNED_BYTE, p); let n = 0; for (let i = 0; i < p.length; i += 4) n += Math.hypot(p[i], p[i + 1] - 0x72, p[i + 2] - 0xb2) < 12; return n; })()`);
+  const with_mark = await blue();
+  await browser.evaluate('cotwin.marks.set([])');
+  const without = await blue();
+  check(with_mark > without + 100, `${with_mark} pixels are in the colour of distances, ${without} without a mark`);
+}
+
 async function change_themes(browser) {
   const brightness = () => browser.evaluate("getComputedStyle(document.body).backgroundColor.match(/\\d+/g).slice(0, 3).reduce((sum, x) => sum + Number(x), 0)");
   const is_light = (await brightness()) > 384;
@@ -165,6 +178,7 @@ for (const [index, page] of plan.entries()) {
     const view = await browser.evaluate(kColours);
     check(view.colours >= (page.colours ?? 20) && view.background < 0.995 * view.pixels, `the 3D view is empty: ${JSON.stringify(view)}`);
     if (page.cues !== undefined || page.lacking !== undefined) await switch_cues(browser, page);
+    if (page.cloud !== undefined) await look_at_cloud(browser, page.cloud);
     const words = await browser.evaluate('document.body.textContent');
     for (const text of page.words ?? []) check(words.includes(text), `the page does not say '${text}'`);
     if (page.keys) await press_keys(browser);
