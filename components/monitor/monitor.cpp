@@ -1,6 +1,8 @@
 #include "components/monitor/monitor.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "models/foundation/support/error.h"
@@ -14,6 +16,12 @@ namespace {
 using Eigen::Vector3d;
 
 Eigen::Map<const Vector3d> vector3(const Values& v) { return Eigen::Map<const Vector3d>(v.data()); }
+
+bool is_finite(const PosePorts& pose) {
+  return std::ranges::all_of(std::array{&pose.p, &pose.quat, &pose.v, &pose.w}, [](const Values* v) {
+    return std::ranges::all_of(*v, [](double x) { return std::isfinite(x); });
+  });
+}
 
 }  // namespace
 
@@ -122,7 +130,7 @@ void Monitor::check_inputs(Time now) const {
     if (floating_) check_pose(robot->prefix + "base_", robot->base);
   }
   for (std::size_t k = 0; k < bodies_.size(); ++k)
-    if (cell_.parts[k].moves) check_pose(bodies_[k]->prefix, bodies_[k]->pose);
+    if (cell_.parts[k].moves && !bodies_[k]->kept) check_pose(bodies_[k]->prefix, bodies_[k]->pose);
 }
 
 void Monitor::place_obstacle(std::size_t k) {
@@ -150,8 +158,12 @@ void Monitor::place(Time now) {
   if (cloud_ < bodies_.size()) cell_.parts[cloud_].body.set_ball(cloud_r_);
   for (std::size_t k = 0; k < bodies_.size(); ++k) {
     Body& body = *bodies_[k];
+    body.was_lost = body.lost[0] != 0;
+    body.lost[0] = body.kept && !is_finite(body.pose) ? 1 : 0;
     if (body.comes)
       place_obstacle(k);
+    else if (body.lost[0] != 0)  // where it was seen last
+      cell_.place(cell_.parts[k], body.pose.last());
     else if (cell_.parts[k].moves)
       cell_.place(cell_.parts[k], pose_of_input(place_, body.prefix, "quat", body.pose.p, body.pose.quat));
   }
@@ -225,7 +237,8 @@ Twist Monitor::twist_of(std::size_t k) const {
   const collision::Part& part = cell_.parts[k];
   Twist V = Twist::Zero();
   if (part.robot < 0) {
-    if (part.moves && !bodies_[k]->comes) V << vector3(bodies_[k]->pose.v), vector3(bodies_[k]->pose.w);
+    if (part.moves && !bodies_[k]->comes && bodies_[k]->lost[0] == 0)
+      V << vector3(bodies_[k]->pose.v), vector3(bodies_[k]->pose.w);
     return V;
   }
   const Robot& r = robot_of(part);
@@ -302,7 +315,8 @@ void Monitor::remember() {
     std::ranges::copy(robot->q, robot->q_before.begin());
     keep(robot->base);
   }
-  for (const auto& body : bodies_) keep(body->pose);
+  for (const auto& body : bodies_)
+    if (body->lost[0] == 0) keep(body->pose);
 }
 
 /// Brings what does not move to its parameters, and forgets which pairs were the nearest.
@@ -322,6 +336,15 @@ void Monitor::place_static() {
 
 void Monitor::initialise(Time start) {
   place_static();
+  for (std::size_t k = 0; k < given_.scene.bodies.size(); ++k) {
+    const Pose& X = given_.scene.bodies[k].X_WB;
+    Values& before = bodies_[k]->pose.before;
+    std::copy_n(X.p.data(), 3, before.begin());
+    const Eigen::Quaterniond Q(X.R);
+    std::ranges::copy(std::array{Q.w(), Q.x(), Q.y(), Q.z()}, before.begin() + 3);
+    bodies_[k]->lost = {};
+  }
+  event_body_ = 0;
   place(start);
   std::ranges::fill(motions_, 0.0);
   measure();

@@ -35,7 +35,7 @@ class Monitor final : public Unit {
   void declare(Variables& v) override;
   /// Throws Error for quaternions whose length is not 1.
   void initialise(Time start) override;
-  /// Throws Error if an input is not finite.
+  /// Throws Error if an input is not finite, but for bodies from which robots keep their distance.
   StepResult step(Time now, Duration h) override;
   void restored() override;
   void append_notes(std::vector<std::string>& notes) const override;
@@ -88,6 +88,7 @@ class Monitor final : public Unit {
   Ports all_;
   SeparationFigures figures_;
   EventPorts events_;
+  std::int32_t event_body_ = 0;
 
   std::vector<collision::Distance> nearest_;  // by group, with inflation
   std::vector<std::size_t> nearest_pairs_;    // by group

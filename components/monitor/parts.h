@@ -1,4 +1,5 @@
 #pragma once
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <memory>
@@ -28,6 +29,11 @@ struct Ports {
   std::array<std::int32_t, 2> pair{};
   double separation = kNone, S_p = 0, speed = 1;
   std::int32_t zone = 0;
+  /// The pair that `separation` is of, as pair, p_a and p_b.
+  struct Apart {
+    std::array<std::int32_t, 2> pair{};
+    std::array<double, 3> p_a{}, p_b{};
+  } apart;
 };
 
 /// A pose with its velocity as ports.
@@ -35,6 +41,11 @@ struct PosePorts {
   Values p{0, 0, 0}, quat{1, 0, 0, 0}, v{0, 0, 0}, w{0, 0, 0};
   Values before = Values(7, 0.0);  // state: p and quat at the last step
   Pose X_before;
+
+  Pose last() const {
+    return {Eigen::Quaterniond(before[3], before[4], before[5], before[6]).normalized().toRotationMatrix(),
+            {before[0], before[1], before[2]}};
+  }
 };
 
 struct Robot {
@@ -86,6 +97,9 @@ struct Body {
   std::string prefix;
   PosePorts pose;
   bool comes = false;                       // an obstacle
+  bool kept = false;                        // robots keep their distance from it, and stop where it is lost
+  bool was_lost = false;                    // in the last step
+  std::array<double, 3> lost{};             // state: 1 while it is, how often it was, and when first, s
   std::optional<collision::Body> unscaled;  // of an obstacle
   double present = 1, scale = 1, scale_in_force = 1;
 };

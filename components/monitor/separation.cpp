@@ -11,6 +11,7 @@ namespace cotwin::monitor {
 namespace {
 
 constexpr double kStopping = 0.5;  // s, default
+constexpr double kNever = 1e12;    // s
 
 }  // namespace
 
@@ -24,28 +25,32 @@ void SeparationFigures::declare(Variables& v) {
   v.tunable("slow_band", band, "m", "a robot is slowed while less than this is left to the protective separation distance")
       .range(0, 100);
   v.tunable("hysteresis", hysteresis, "m", "by how much more must be left until a robot goes on").range(0, 100);
+  v.tunable("restart_delay", restart_delay, "s", "for how long it must be left until a robot goes on").range(0, 3600);
 }
 
 void Separation::declare(Variables& v, const std::string& x, const std::string& of) {
   v.tunable(x + "T_s", T_s_, "s", "stopping time " + of).range(1e-6, 60);
   v.tunable(x + "S_s", S_s_, "m", "stopping distance " + of + "; negative: v_r T_s / 2, and what a_r adds").range(-1, 100);
-  v.tunable(x + "a_r", a_r_, "m/s2",
-            "by how much the speed of a point " + of +
-                " may grow; default: the fastest joint reaches its limit in 0.5 s with the arm stretched")
+  v.tunable(
+       x + "a_r", a_r_, "m/s2",
+       "by how much the speed of a point " + of +
+           " may grow, of the link for which this is the most; of others in proportion to their joints and levers; default: "
+           "the fastest joint reaches its limit in 0.5 s with the arm stretched")
       .range(0, 1e6);
   v.state(x + "clear_speeds", clear_speeds_, "m/s", "of base and links, when the robot was slowed last");
   v.state(x + "separation_state", state_, "1",
-          "zone; how often slowed, and first: s, link, body, margin, S_p; stopped likewise");
+          "zone; since when it could go on, s; how often slowed, and first: s, link, body, margin, S_p; stopped likewise");
 }
 
 void Separation::reset() {
   std::ranges::fill(clear_speeds_, 0.0);
   state_ = {};
+  state_[kFreeSince] = kNever;
 }
 
-double Separation::distance(const SeparationFigures& f, double h, double v_h, double v_r) const {
-  const double T_r = f.T_r + 2 * h, v_brake = v_r + a_r_ * T_r;
-  const double S_s = S_s_ >= 0 ? S_s_ : v_brake * T_s_ / 2 + a_r_ * T_s_ * T_s_ / 6;
+double Separation::distance(const SeparationFigures& f, double h, std::size_t link, double v_h, double v_r) const {
+  const double T_r = f.T_r + 2 * h, a_r = a_r_ * shares_[link], v_brake = v_r + a_r * T_r;
+  const double S_s = S_s_ >= 0 ? S_s_ : v_brake * T_s_ / 2 + a_r * T_s_ * T_s_ / 6;
   const double S_p = v_h * (T_r + T_s_) + (v_r + v_brake) / 2 * T_r + S_s + f.C + f.Z_d + f.Z_r;
   return std::isfinite(S_p) ? S_p : kNone;  // a tunable that is no number stops the robot
 }
@@ -55,14 +60,18 @@ double Separation::speed_ahead(const SeparationFigures& f, std::size_t link, dou
 }
 
 bool Separation::update(const SeparationFigures& f, const Nearest& nearest, double margin_ahead,
-                        const std::vector<double>& speeds, double t) {
+                        const std::vector<double>& speeds, double t, bool lost) {
+  constexpr double kRounding = 1e-9;  // s
   const Zone before = zone();
-  Zone next = nearest.margin < 0 ? kStop : nearest.margin >= f.band ? kClear : kSlow;
-  if (next < before)
-    next = !(margin_ahead >= (before == kStop ? 0 : f.band) + f.hysteresis) ? before : before == kStop ? kSlow : kClear;
+  Zone next = lost || nearest.margin < 0 ? kStop : nearest.margin >= f.band ? kClear : kSlow;
+  const bool free = next < before && margin_ahead >= (before == kStop ? 0 : f.band) + f.hysteresis;
+  double& since = state_[kFreeSince];
+  since = free ? std::min(since, t) : kNever;
+  if (next < before) next = !free || !(t - since >= f.restart_delay - kRounding) ? before : before == kStop ? kSlow : kClear;
   if (next == before) return false;
   if (before == kClear) clear_speeds_ = speeds;
   state_[kZone] = next;
+  since = kNever;
   if (next > before) {
     const std::size_t at = next == kStop ? kStops : kSlows;
     if (state_[at]++ == 0) {
@@ -77,11 +86,11 @@ bool Separation::update(const SeparationFigures& f, const Nearest& nearest, doub
 void Separation::append_note(const std::string& robot, const std::vector<std::string>& names,
                              std::vector<std::string>& notes) const {
   std::string note;
-  for (const auto& [at, what] : {std::pair{kSlows, "slowed"}, {kStops, "stopped"}}) {
+  for (const auto& [at, what] : {std::pair{kSlows, "slow down"}, {kStops, "stop"}}) {
     const double* first = &state_[at];
     if (first[0] == 0) continue;
     const auto name = [&](double part) { return names[static_cast<std::size_t>(part)]; };
-    text::append(note, std::string(what) +
+    text::append(note, (note.empty() ? "asked to " : "to ") + std::string(what) +
                            (first[0] == 1 ? " once, at " : " " + text::to_text(first[0]) + " times, first at ") +
                            text::to_text(first[1], 6) + " s (" + name(first[2]) + " " + text::to_text(first[4] + first[5], 3) +
                            " m from " + name(first[3]) + ", S_p " + text::to_text(first[5], 3) + " m)");
@@ -107,8 +116,11 @@ void Monitor::add_separation(Settings& settings) {
   for (std::size_t i = 0; i < robots_.size(); ++i) {
     Robot& r = *robots_[i];
     const robot::RobotModel& model = r.placed->model;
+    // The share of a base that moves, and of a link with a joint that has no limit, is not known: it is 1.
+    std::vector<double> shares;
     double fastest = 0;
     for (const collision::Part& part : cell_.of(static_cast<int>(i))) {
+      double& own = shares.emplace_back(part.link < 0 ? scene::kInfinity : 0);
       (void)collision::for_each_lever(
           model, part.link, -1, part.body.reach(),
           [](std::size_t, const robot::Joint& joint) {
@@ -116,19 +128,23 @@ void Monitor::add_separation(Settings& settings) {
             return farthest < scene::kInfinity ? farthest : 0;
           },
           [&](std::size_t, const robot::Joint& joint, double lever) {
+            own = std::max(own, joint.dq_max * lever);
             if (joint.dq_max < scene::kInfinity) fastest = std::max(fastest, joint.dq_max * lever);
           });
     }
+    for (double& share : shares) share = fastest > 0 ? std::min(share / fastest, 1.0) : 1;
     if (fastest == 0)
       settings.warn("robot '" + model.name + "' has no limits of speed, so " + r.prefix +
                     "a_r starts at 0: set it to how fast the robot may speed up");
-    r.separation = std::make_unique<Separation>(model.bodies.size() + 1, fastest / kStopping);
+    r.separation = std::make_unique<Separation>(std::move(shares), fastest / kStopping);
     for (std::size_t k = 0; k < cell_.pairs.size(); ++k) {
       const collision::Pair& pair = cell_.pairs[k];
-      if (pair.a < counts.size() && counts[pair.a] != 0 && cell_.parts[pair.b].robot == static_cast<int>(i))
+      const bool stands = cell_.parts[pair.b].link < 0 && !floating_;
+      if (pair.a < counts.size() && counts[pair.a] != 0 && cell_.parts[pair.b].robot == static_cast<int>(i) && !stands)
         r.kept.push_back({k});
     }
   }
+  for (std::size_t k = 0; k < bodies_.size(); ++k) bodies_[k]->kept = counts[k] != 0 && !bodies_[k]->comes;
 }
 
 void Monitor::append_notes(std::vector<std::string>& notes) const {
@@ -140,6 +156,13 @@ void Monitor::append_notes(std::vector<std::string>& notes) const {
   for (const collision::Part& part : cell_.parts) names.push_back(part.name);
   for (const auto& robot : robots_)
     robot->separation->append_note(robot->placed->name.empty() ? robot->placed->model.name : robot->placed->name, names, notes);
+  for (std::size_t k = 0; k < bodies_.size(); ++k) {
+    const std::array<double, 3>& lost = bodies_[k]->lost;
+    if (lost[1] > 0)
+      notes.push_back(names[k] + " was lost (its pose or speed was no number) " +
+                      (lost[1] == 1 ? "once, at " : text::to_text(lost[1]) + " times, first at ") + text::to_text(lost[2], 6) +
+                      " s" + (lost[0] != 0 ? ", and was so at the end" : ""));
+  }
 }
 
 /// From all bodies that move or come.
@@ -148,11 +171,15 @@ void Monitor::keep_separation(double t, double h) {
   all_.speed = 1;
   all_.separation = kNone;
   all_.S_p = 0;
+  all_.apart = {};
+  bool lost = false;
+  for (const auto& body : bodies_) lost = lost || body->lost[0] != 0;
   for (const auto& robot : robots_) {
     Robot& r = *robot;
     Separation& separation = *r.separation;
     for (std::size_t i = 0; i < r.speeds.size(); ++i) r.speeds[i] = speed_of(r.first + i);
     Separation::Nearest nearest{.margin = kNone};
+    collision::Distance apart;
     std::size_t best = r.kept.size();
     double ahead = kNone;
     const auto look = [&](std::size_t j) {
@@ -164,14 +191,17 @@ void Monitor::keep_separation(double t, double h) {
       bound = std::max(bound, bounds_[r.kept[j].pair] + inflation(pair));
       const double v_h = bodies_[pair.a]->comes ? 0 : std::max(figures_.v_h, speed_of(pair.a)),
                    v_r = r.speeds[pair.b - r.first];
-      const double S_p = separation.distance(figures_, h, v_h, v_r);
-      const double S_ahead = separation.distance(figures_, h, v_h, separation.speed_ahead(figures_, pair.b - r.first, v_r));
+      const std::size_t link = pair.b - r.first;
+      const double S_p = separation.distance(figures_, h, link, v_h, v_r);
+      const double S_ahead = separation.distance(figures_, h, link, v_h, separation.speed_ahead(figures_, link, v_r));
       constexpr double kSlack = 1e-9;  // so that neither rounding nor what was measured before decides
       const double most = std::max(nearest.margin + S_p, ahead + S_ahead) + inflation(pair) + kSlack;
       if (bound > most) return;
-      const double d = cell_.distance(pair, most, bound).d - inflation(pair);
+      const collision::Distance found = cell_.distance(pair, most, bound);
+      const double d = found.d - inflation(pair);
       if (d - S_p < nearest.margin || (d - S_p == nearest.margin && j < best)) {
         nearest = {d - S_p, S_p, pair.b, pair.a};
+        apart = found;
         best = j;
       }
       ahead = std::min(ahead, d - S_ahead);
@@ -182,10 +212,16 @@ void Monitor::keep_separation(double t, double h) {
       if (j != r.kept_first) look(j);
     }
     r.kept_first = best;
-    if (separation.update(figures_, nearest, ahead, r.speeds, t)) {
+    r.ports.apart = {};
+    if (nearest.margin < kNone) {
+      r.ports.apart.pair = {static_cast<std::int32_t>(nearest.link) + 1, static_cast<std::int32_t>(nearest.body) + 1};
+      Eigen::Map<Eigen::Vector3d>(r.ports.apart.p_a.data()) = apart.p_b - r_ * apart.n;
+      Eigen::Map<Eigen::Vector3d>(r.ports.apart.p_b.data()) = apart.p_a;
+    }
+    if (separation.update(figures_, nearest, ahead, r.speeds, t, lost && !r.kept.empty())) {
       constexpr EventCode kCodes[] = {EventCode::kClear, EventCode::kSlow, EventCode::kStop};
-      events_.raise(kCodes[separation.zone()], nearest.margin < kNone ? static_cast<std::int32_t>(nearest.link) + 1 : 0, t,
-                    nearest.margin);
+      events_.raise(kCodes[separation.zone()], r.ports.apart.pair[0], t, nearest.margin);
+      event_body_ = r.ports.apart.pair[1];
     }
     r.ports.zone = separation.zone();
     r.ports.speed = separation.speed(figures_);
@@ -196,7 +232,15 @@ void Monitor::keep_separation(double t, double h) {
     if (nearest.margin < all_.separation) {
       all_.separation = nearest.margin;
       all_.S_p = nearest.S_p;
+      all_.apart = r.ports.apart;
     }
+  }
+  for (std::size_t k = 0; k < bodies_.size(); ++k) {
+    std::array<double, 3>& state = bodies_[k]->lost;
+    if (state[0] == 0 || bodies_[k]->was_lost) continue;
+    if (state[1]++ == 0) state[2] = t;
+    events_.raise(EventCode::kLost, 0, t, 0);
+    event_body_ = static_cast<std::int32_t>(k) + 1;
   }
 }
 

@@ -1,6 +1,7 @@
 #pragma once
 #include <array>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "components/unit/variables.h"
@@ -12,6 +13,7 @@ struct SeparationFigures {
   double v_h = 1.6, T_r = 0.1;                       // m/s, s
   double C = 0, Z_d = 0, Z_r = 0;                    // m
   double slow = 0.25, band = 0.5, hysteresis = 0.1;  // 1, m, m
+  double restart_delay = 0.5;                        // s
 
   void declare(Variables& v);
 };
@@ -22,7 +24,8 @@ struct SeparationFigures {
 /// robot is not slowed yet, which is done evenly in T_s, v_r grows by a_r. Directions do not count, so that no point comes nearer than this.
 ///   stop   d < S_p          of any pair
 ///   slow   d < S_p + band
-/// It goes on where d is larger by the hysteresis also with the speeds at which it was when all was clear (slow: with that share of them).
+/// It goes on where d has been larger by the hysteresis for restart_delay, also with the speeds at which it was when all was clear (slow: with that
+/// share of them). It stops while a body is lost, whose pose or speed is no number.
 class Separation {
  public:
   enum Zone { kClear, kSlow, kStop };
@@ -32,17 +35,18 @@ class Separation {
     std::size_t link = 0, body = 0;  // parts
   };
 
-  /// `a_r`: default, m/s².
-  Separation(std::size_t links, double a_r) : a_r_(a_r), clear_speeds_(links, 0.0) {}
+  /// `a_r`: default, m/s², of the link that it is largest for; `shares`: of base and links, of it.
+  Separation(std::vector<double> shares, double a_r)
+      : a_r_(a_r), shares_(std::move(shares)), clear_speeds_(shares_.size(), 0.0) {}
   void declare(Variables& v, const std::string& x, const std::string& of);
   void reset();
-  /// S_p in m; `h`: step, s.
-  double distance(const SeparationFigures& f, double h, double v_h, double v_r) const;
+  /// S_p of a link in m; `h`: step, s.
+  double distance(const SeparationFigures& f, double h, std::size_t link, double v_h, double v_r) const;
   /// The speed of a link, m/s, if the robot goes on.
   double speed_ahead(const SeparationFigures& f, std::size_t link, double v_r) const;
-  /// Takes the least d − S_p of all pairs, and the least one for speed_ahead(), m. `speeds`: of the links, m/s. True: another zone.
+  /// Takes the least d − S_p of all pairs, and the least one for speed_ahead(), m. `speeds`: of the links, m/s; `lost`: a body is. True: another zone.
   bool update(const SeparationFigures& f, const Nearest& nearest, double margin_ahead, const std::vector<double>& speeds,
-              double t);
+              double t, bool lost);
 
   Zone zone() const { return static_cast<Zone>(static_cast<int>(state_[0])); }
   double speed(const SeparationFigures& f) const { return zone() == kStop ? 0 : zone() == kSlow ? f.slow : 1; }
@@ -50,11 +54,11 @@ class Separation {
   void append_note(const std::string& robot, const std::vector<std::string>& names, std::vector<std::string>& notes) const;
 
  private:
-  enum Kept : std::size_t { kZone, kSlows, kStops = kSlows + 6, kSize = kStops + 6 };
+  enum Kept : std::size_t { kZone, kFreeSince, kSlows, kStops = kSlows + 6, kSize = kStops + 6 };
   double T_s_ = 0.5, S_s_ = -1, a_r_;
-  std::vector<double> clear_speeds_;
-  std::array<double, kSize>
-      state_{};  // zone; how often it was slowed, and the first time: s, link, body, margin, S_p; stopped likewise
+  std::vector<double> shares_, clear_speeds_;
+  /// Zone; since when it could go on, s; how often it was asked to slow down, and the first time: s, link, body, margin, S_p; to stop likewise.
+  std::array<double, kSize> state_{};
 };
 
 }  // namespace cotwin::monitor

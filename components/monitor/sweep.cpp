@@ -52,13 +52,9 @@ Pose Monitor::pose_at(std::size_t k, double share) {
 }
 
 void Monitor::find_motions() {
-  const auto restore = [](PosePorts& pose) {
-    const Values& v = pose.before;
-    pose.X_before = {Eigen::Quaterniond(v[3], v[4], v[5], v[6]).normalized().toRotationMatrix(), {v[0], v[1], v[2]}};
-  };
-  for (const auto& body : bodies_) restore(body->pose);
+  for (const auto& body : bodies_) body->pose.X_before = body->pose.last();
   for (const auto& robot : robots_) {
-    restore(robot->base);
+    robot->base.X_before = robot->base.last();
     for (std::size_t i = 0; i < robot->q.size(); ++i) robot->moved[i] = std::abs(robot->q[i] - robot->q_before[i]);
   }
   for (std::size_t k = 0; k < motions_.size(); ++k) motions_[k] = motion(k);

@@ -51,6 +51,9 @@ void Monitor::declare_separation(Variables& v) {
              "least distance from bodies that move and obstacles, less S_p of the pair; negative: stop; 1e12: there is none")
         .discrete();
     v.output(x + "S_p", ports.S_p, "m", "protective separation distance of this pair (ISO/TS 15066, 5.5.4.2.3)").discrete();
+    v.output(x + "separation_pair", ports.apart.pair, "this pair: link and body, as in pair; 0: there is none");
+    v.output(x + "separation_p_a", ports.apart.p_a, "m", "its nearest point on the inflated robot, in W").discrete();
+    v.output(x + "separation_p_b", ports.apart.p_b, "m", "its nearest point on the body, in W").discrete();
   };
   add(all_, "", robots_.size() == 1 ? "the robot" : "all robots");
   figures_.declare(v);
@@ -59,7 +62,9 @@ void Monitor::declare_separation(Variables& v) {
     if (!robot->prefix.empty()) add(robot->ports, robot->prefix, of);
     robot->separation->declare(v, robot->prefix, "of " + of);
   }
-  events_.declare(v, "10 clear, 11 slow, 12 stop", "the link, as in pair; 0: nobody is near", "m", "distance less S_p");
+  events_.declare(v, "10 clear, 11 slow, 12 stop, 13 a body is lost: its pose or speed is no number",
+                  "the link, as in pair; 0: nobody is near", "m", "distance less S_p");
+  v.output("event_body", event_body_, "of the last event: the body, as in pair; 0: nobody is near");
 }
 
 void Monitor::declare(Variables& v) {
@@ -74,16 +79,21 @@ void Monitor::declare(Variables& v) {
     v.tunable(x + "scale", body.scale, "1", "size of " + of + ", about its origin, as a multiple of that in the scene")
         .range(kLeastScale, kMostScale);
   };
-  const auto declare_pose = [&v](const std::string& x, PosePorts& pose, const std::string& of, bool moves) {
+  // `kept`: of a body from which robots keep their distance, which may be lost.
+  const auto declare_pose = [&v](const std::string& x, PosePorts& pose, const std::string& of, bool moves, bool kept = false) {
     if (!moves) {
       v.parameter(x + "p0", pose.p, "m", "position " + of + " in W");
       v.parameter(x + "quat0", pose.quat, "1", "orientation " + of + " in W, unit quaternion (w, x, y, z)");
       return;
     }
-    v.input(x + "p", pose.p, "m", "position " + of + " in W").essential();
-    v.input(x + "quat", pose.quat, "1", "orientation " + of + " in W, unit quaternion (w, x, y, z)");
-    v.input(x + "v", pose.v, "m/s", "velocity of its origin in W");
-    v.input(x + "w", pose.w, "rad/s", "its angular velocity in W");
+    auto p = v.input(x + "p", pose.p, "m", "position " + of + " in W");
+    auto quat = v.input(x + "quat", pose.quat, "1", "orientation " + of + " in W, unit quaternion (w, x, y, z)");
+    auto velocity = v.input(x + "v", pose.v, "m/s", "velocity of its origin in W");
+    auto w = v.input(x + "w", pose.w, "rad/s", "its angular velocity in W");
+    p.essential();
+    if (!kept) return;
+    velocity.essential();
+    for (auto* input : {&p, &quat, &velocity, &w}) input->may_be_lost();
   };
   for (const auto& robot : robots_) {
     Robot& r = *robot;
@@ -109,7 +119,7 @@ void Monitor::declare(Variables& v) {
       declare_obstacle(body.prefix, body, "body " + part.name);
       continue;
     }
-    declare_pose(body.prefix, body.pose, k == cloud_ ? "of the point cloud" : "of body " + part.name, part.moves);
+    declare_pose(body.prefix, body.pose, k == cloud_ ? "of the point cloud" : "of body " + part.name, part.moves, body.kept);
     if (k == cloud_) {
       v.tunable(
            "cloud.r", cloud_r_, "m",
@@ -118,6 +128,7 @@ void Monitor::declare(Variables& v) {
           .range(0, 100);
     }
     if (part.moves) v.state(body.prefix + "before", body.pose.before, "1", "pose at the last step");
+    if (body.kept) v.state(body.prefix + "lost", body.lost, "1", "1 while it is lost, how often it was, and when first, s");
   }
   if (separates_) declare_separation(v);
 }

@@ -197,6 +197,14 @@ Variables::Declared& Variables::Declared::essential() {
   return *this;
 }
 
+Variables::Declared& Variables::Declared::may_be_lost() {
+  Variable& variable = list_.list_[index_];
+  if (variable.role != Role::kInput || variable.kind() != Kind::kReal)
+    throw Error(variable.name, "may_be_lost() is only for real inputs");
+  variable.may_be_lost = true;
+  return *this;
+}
+
 Variables::Declared& Variables::Declared::required() {
   essential();
   list_.list_[index_].required = true;

@@ -62,6 +62,7 @@ struct Variable {
   bool essential =
       false;  // of an input, parameter or state: without a connection, a start value or an event the unit cannot be used
   bool required = false;           // essential, and a scenario that leaves it out is refused
+  bool may_be_lost = false;        // of a real input: the unit knows what to do while it is no number
   ExactIntegers* exact = nullptr;  // of a real whose values are integers of another program; else nullptr
   double nominal = 0;              // of a real: typical magnitude in `si`, to which tolerances are relative; 0: not declared
   std::shared_ptr<const Elements> elements{};  // nullptr: they have no names, and all are in `si`
@@ -110,6 +111,9 @@ class Variables {
     /// As essential(), for values whose default is dangerous, as a position that a robot would move to: a scenario without a
     /// connection or a value for it is refused.
     Declared& required();
+    /// The unit goes on while the real input is no number, as of a sensor that sees nothing: an output that feeds only such inputs does not end the run.
+    /// Throws Error unless it is a real input.
+    Declared& may_be_lost();
     /// The typical magnitude of the real variable, in its unit of measure. It is not part of the fingerprint. Throws Error if
     /// it is not positive and finite, or the variable not real.
     Declared& nominal(double magnitude);

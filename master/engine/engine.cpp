@@ -27,9 +27,12 @@ double seconds_between(std::chrono::steady_clock::time_point a, std::chrono::ste
 
 constexpr std::size_t kLongRow = 4;  // values
 
-bool is_watched(const Variable& v) { return v.kind() == Kind::kReal && (v.role == Role::kOutput || v.role == Role::kState); }
-
 }  // namespace
+
+/// Whether the values of a variable must stay finite: those of sensors that feed only inputs that may be lost need not.
+bool Engine::is_watched(const Variable& v) const {
+  return v.kind() == Kind::kReal && (v.role == Role::kOutput || v.role == Role::kState) && !may_be_lost_.contains(&v);
+}
 
 Engine::Engine(const Scenario& scenario, std::span<Member> members, int threads, bool always_threads)
     : schedule(scenario, members, arrange_as_given(members)),
@@ -42,6 +45,10 @@ Engine::Engine(const Scenario& scenario, std::span<Member> members, int threads,
       members_(members),
       threads_(threads),
       always_threads_(always_threads) {
+  for (const ResolvedConnection& link : links)
+    if (link.to.variable->may_be_lost) may_be_lost_.insert(link.from.variable);
+  for (const ResolvedConnection& link : links)
+    if (!link.to.variable->may_be_lost) may_be_lost_.erase(link.from.variable);
   if (!tools.jumps().empty()) events.add(tools.jumps());
   arrange(arrange_as_given(members));
 }

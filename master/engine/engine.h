@@ -8,6 +8,7 @@
 #include <memory>
 #include <numeric>
 #include <optional>
+#include <set>
 #include <span>
 #include <vector>
 
@@ -187,6 +188,7 @@ class Engine {
   void choose_groups(const Initialisation& initialised);
   Duration first_tick() const { return schedule.tick(0).end - schedule.tick(0).begin; }
   void arrange_solved();
+  bool is_watched(const Variable& v) const;
   void watch_values();
   std::string loop_of(std::size_t member) const;
   [[noreturn]] void report_non_finite(Time now) const;
@@ -257,6 +259,7 @@ class Engine {
   int threads_;
   bool always_threads_;
   std::vector<StageRun> stages_;
+  std::set<const Variable*> may_be_lost_;
   std::vector<std::span<const double>> watched_rows_;  // values that must stay finite: adjacent ones …
   std::vector<const double*> watched_values_;          // … and single ones
   std::unique_ptr<Workers> workers_;

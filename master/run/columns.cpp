@@ -35,6 +35,9 @@ const Variables& clock_variables() {
 
 /// Last parts of the names of variables that a page draws from (master/view).
 constexpr std::string_view kShown[] = {"q",
+                                       "S_p",
+                                       "separation_p_a",
+                                       "separation_p_b",
                                        "q_link",
                                        "q_c",
                                        "q_d",

@@ -11,8 +11,6 @@
 #include "master/engine/wiring/members.h"
 #include "master/view/calculated.h"
 #include "master/view/visuals_json.h"
-#include "models/cloud/cloud_file.h"
-#include "models/cloud/tree.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
 #include "models/numerics/dense.h"
@@ -46,7 +44,7 @@ class Writer {
 
  private:
   Json robot_json(const StagedModel& staged);
-  Json cloud_json(const StagedCloud& staged);
+  Json distances_json() const;
   Json tool_json(const StagedTool& tool);
   Json figure_json(const StagedRobot& robot, std::size_t index);
   bool floats(const StagedRobot& robot) const;
@@ -73,41 +71,6 @@ class Writer {
   Packer& packer_;
   VisualWriter visuals_;
 };
-
-/// 16 bits a coordinate, all x first.
-Json Writer::cloud_json(const StagedCloud& staged) {
-  constexpr std::size_t kMost = 300'000;
-  constexpr double kSteps = 65535;
-  const cloud::Cloud whole = cloud::load_cloud(staged.file).cloud;
-  const auto corners_of = [](const cloud::Cloud& cloud) {
-    Eigen::Vector3f low = cloud.points.front(), high = low;
-    for (const Eigen::Vector3f& p : cloud.points) {
-      low = low.cwiseMin(p);
-      high = high.cwiseMax(p);
-    }
-    return std::pair{Eigen::Vector3d(low.cast<double>()), Eigen::Vector3d(high.cast<double>())};
-  };
-  const auto [low, high] = corners_of(whole);
-  cloud::Cloud shown = whole;
-  for (double cube = 1e-3 * (high - low).norm(); shown.points.size() > kMost;
-       cube *= 1.1 * std::sqrt(static_cast<double>(shown.points.size()) / kMost))
-    shown = cloud::thinned(whole, cube);
-  if (shown.points.size() < whole.points.size())
-    remarks_.push_back("of the " + std::to_string(whole.points.size()) + " points of " + staged.file.filename().string() +
-                       " the page shows " + std::to_string(shown.points.size()) + ", the means of cubes");
-  const Eigen::Vector3d origin = whole.origin + low, step = ((high - low) / kSteps).cwiseMax(1e-9);
-  std::vector<double> steps;
-  steps.reserve(3 * shown.points.size());
-  for (Eigen::Index i = 0; i < 3; ++i) {
-    for (std::size_t k = 0; k < shown.points.size(); ++k)
-      steps.push_back(std::clamp(std::round((shown.point(k)[i] - origin[i]) / step[i]), 0.0, kSteps));
-  }
-  Json json = {{"name", staged.name}, {"low", vector_json(origin)}, {"step", vector_json(step)}};
-  add_pose(json, staged.X_WC);
-  json["size"] = shown.points.size() > 1 ? cloud::spacing(cloud::Tree(shown), 2000).median : 0.01;
-  json["points"] = packer_.add_reals(steps);
-  return json;
-}
 
 Json Writer::robot_json(const StagedModel& staged) {
   const robot::RobotModel& robot = *staged.model;
@@ -381,6 +344,26 @@ Json Writer::forces_json() const {
   return forces;
 }
 
+/// Of the monitors of single robots, with the pair that counts for separation.
+Json Writer::distances_json() const {
+  Json distances = Json::array();
+  for (const std::string& prefix : stage_.monitors) {
+    const std::string p_a = prefix + "p_a", p_b = prefix + "p_b", distance = prefix + "distance";
+    if (!is_recorded(p_a, 3) || !is_recorded(p_b, 3) || !is_recorded(distance, 1)) continue;
+    Json source = {{"name", prefix.substr(0, prefix.size() - 1)}, {"p_a", p_a}, {"p_b", p_b}, {"distance", distance}};
+    const auto robot = std::ranges::find_if(
+        stage_.robots, [&](const StagedRobot& one) { return std::ranges::find(one.prefixes, prefix) != one.prefixes.end(); });
+    source["figure"] = robot == stage_.robots.end() ? -1 : robot - stage_.robots.begin();
+    const std::string component = prefix.substr(0, prefix.find('.'));
+    source["r"] = content_.scenario == nullptr ? 0.0 : given_numbers(*content_.scenario, component, "r", {0}).front();
+    const std::string apart_a = prefix + "separation_p_a", apart_b = prefix + "separation_p_b";
+    if (is_recorded(apart_a, 3) && is_recorded(apart_b, 3) && is_recorded(prefix + "S_p", 1) && is_recorded(prefix + "zone", 1))
+      source["apart"] = {{"p_a", apart_a}, {"p_b", apart_b}, {"S_p", prefix + "S_p"}, {"zone", prefix + "zone"}};
+    distances.push_back(std::move(source));
+  }
+  return distances;
+}
+
 Json Writer::energy_json() const {
   struct Term {
     const char *variable, *kind, *label;
@@ -453,7 +436,7 @@ Json Writer::write() {
   json["clouds"] = Json::array();
   for (const StagedCloud& staged : stage_.clouds) {
     try {
-      json["clouds"].push_back(cloud_json(staged));
+      json["clouds"].push_back(cloud_json(staged.name, staged.file, staged.X_WC, packer_, remarks_));
     } catch (const Error& error) {
       remarks_.push_back(std::string("a point cloud is left out: ") + error.what());
     }
@@ -464,13 +447,7 @@ Json Writer::write() {
                               ? "the scenario has no contact world"
                               : "record " + stage_.worlds.front() + ".contact_p and " + stage_.worlds.front() + ".contact_f";
   json["forces"] = forces_json();
-  json["distances"] = Json::array();
-  for (const std::string& prefix : stage_.monitors) {
-    const std::string p_a = prefix + "p_a", p_b = prefix + "p_b", distance = prefix + "distance";
-    if (is_recorded(p_a, 3) && is_recorded(p_b, 3) && is_recorded(distance, 1))
-      json["distances"].push_back(
-          {{"name", prefix.substr(0, prefix.size() - 1)}, {"p_a", p_a}, {"p_b", p_b}, {"distance", distance}});
-  }
+  json["distances"] = distances_json();
   json["lights"] = Json::array();
   for (const std::string& prefix : stage_.monitors) {
     if (is_recorded(prefix + "zone", 1))

@@ -7,6 +7,8 @@
 #include <cmath>
 #include <utility>
 
+#include "models/cloud/cloud_file.h"
+#include "models/cloud/tree.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/file.h"
 #include "models/foundation/support/text.h"
@@ -145,6 +147,38 @@ Json VisualWriter::write(const std::vector<scene::Shape>& shapes) {
     visuals.push_back(std::move(surface));
   }
   return visuals;
+}
+
+Json cloud_json(const std::string& name, const fs::path& file, const Pose& X_WC, Packer& packer,
+                std::vector<std::string>& remarks) {
+  constexpr std::size_t kMost = 300'000;
+  constexpr double kSteps = 65535;
+  const cloud::Cloud whole = cloud::load_cloud(file).cloud;
+  Eigen::Vector3f nearest = whole.points.front(), farthest = nearest;
+  for (const Eigen::Vector3f& p : whole.points) {
+    nearest = nearest.cwiseMin(p);
+    farthest = farthest.cwiseMax(p);
+  }
+  const Eigen::Vector3d low = nearest.cast<double>(), high = farthest.cast<double>();
+  cloud::Cloud shown = whole;
+  for (double cube = 1e-3 * (high - low).norm(); shown.points.size() > kMost;
+       cube *= 1.1 * std::sqrt(static_cast<double>(shown.points.size()) / kMost))
+    shown = cloud::thinned(whole, cube);
+  if (shown.points.size() < whole.points.size())
+    remarks.push_back("of the " + std::to_string(whole.points.size()) + " points of " + file.filename().string() +
+                      " the page shows " + std::to_string(shown.points.size()) + ", the means of cubes");
+  const Eigen::Vector3d origin = whole.origin + low, step = ((high - low) / kSteps).cwiseMax(1e-9);
+  std::vector<double> steps;
+  steps.reserve(3 * shown.points.size());
+  for (Eigen::Index i = 0; i < 3; ++i) {
+    for (std::size_t k = 0; k < shown.points.size(); ++k)
+      steps.push_back(std::clamp(std::round((shown.point(k)[i] - origin[i]) / step[i]), 0.0, kSteps));
+  }
+  Json json = {{"name", name}, {"low", vector_json(origin)}, {"step", vector_json(step)}};
+  add_pose(json, X_WC);
+  json["size"] = shown.points.size() > 1 ? cloud::spacing(cloud::Tree(shown), 2000).median : 0.01;
+  json["points"] = packer.add_reals(steps);
+  return json;
 }
 
 }  // namespace cotwin::master

@@ -45,4 +45,8 @@ class VisualWriter {
   nlohmann::ordered_json meshes_ = nlohmann::ordered_json::array();
 };
 
+/// The points of a file (Cloud of page/source/format.ts), at most 300 000, with 16 bits a coordinate. Throws Error.
+nlohmann::ordered_json cloud_json(const std::string& name, const std::filesystem::path& file, const Pose& X_WC, Packer& packer,
+                                  std::vector<std::string>& remarks);
+
 }  // namespace cotwin::master

@@ -5,18 +5,26 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
 #include <random>
+#include <set>
 #include <string>
 #include <vector>
 
 #include "components/unit/snapshot.h"
+#include "models/robot/urdf/urdf.h"
+#include "models/scene/robot_links.h"
+#include "models/scene/urdf/urdf_shapes.h"
 #include "tests/components/monitor/slides.h"
 #include "tests/support/allocations.h"
 #include "tests/support/error_of.h"
+#include "tests/support/files.h"
+#include "tests/support/places.h"
 
 namespace cotwin::monitor::separation_test {
 namespace {
 
+namespace fs = std::filesystem;
 using cotwin::testing::error_of;
 using cotwin::testing::UnitSubject;
 using Eigen::Vector3d;
@@ -62,7 +70,7 @@ TEST_F(Separations, SpeedUpAtMostAsTheStretchedArmAtItsLimit) {
 TEST_F(Separations, HaveThreeZonesWithHysteresis) {
   UnitSubject unit = monitor("robot=@slide.urdf&scene=@ball.sdf&separation=all&ignore=hand:obstacle");
   unit.set("a_r", "0").set("T_r", "0").set("T_s", "0.5").set("v_h", "0").set("C", "1").set("slow_band", "0.5");
-  unit.set("hysteresis", "0.1");
+  unit.set("hysteresis", "0.1").set("restart_delay", "0");
   const auto zone_at = [&](double d, double v_r) {
     unit.set("dq", Values{v_r, 0, 0}).set("obstacle.p", Values{d + 0.3, 0, 0});
     unit.step(1e-3);
@@ -95,8 +103,10 @@ TEST_F(Separations, HaveThreeZonesWithHysteresis) {
   EXPECT_EQ(zone_at(5, 0), 0);
   std::vector<std::string> notes;
   unit.unit().append_notes(notes);
-  EXPECT_THAT(notes, ElementsAre("slide was slowed once, at 0.002 s (ball 1.7 m from obstacle, S_p 1.2 m), stopped 2 times, "
-                                 "first at 0.005 s (ball 1.05 m from obstacle, S_p 1.05 m)"));
+  EXPECT_THAT(
+      notes,
+      ElementsAre("slide was asked to slow down once, at 0.002 s (ball 1.7 m from obstacle, S_p 1.2 m), to stop 2 times, "
+                  "first at 0.005 s (ball 1.05 m from obstacle, S_p 1.05 m)"));
 }
 
 // Both at constant speed, and the robot is told a step later: it comes to rest within one step's way beyond C + Z_d + Z_r.
@@ -146,6 +156,7 @@ TEST_F(Separations, RobotsAreAtRestBeforeTheyAreReached) {
     const double ddq = 10 / std::sqrt(3.0) / (T * T), dq = 1.875 / T;
     watch.set("a_r", Values{ddq * std::abs(x) + 0.45 * (ddq * std::abs(turn) + std::pow(dq * turn, 2))});
     watch.set("T_s", Values{T_s}).set("T_r", Values{0}).set("v_h", Values{walks}).set("slow_band", Values{uniform(0, 0.5)});
+    watch.set("restart_delay", Values{k % 5 == 0 ? uniform(0, 0.6) : 0});
     watch.set("C", Values{kept / 2}).set("Z_d", Values{kept / 4}).set("Z_r", Values{kept / 4}).set("hysteresis", Values{0.05});
     // The person stands first.
     const double angle = head_on ? (x > 0 ? 0 : M_PI) : uniform(-M_PI, M_PI), wait = uniform(0, T / 2);
@@ -189,7 +200,7 @@ TEST_F(Separations, RobotsAreAtRestBeforeTheyAreReached) {
 
 TEST_F(Separations, StopBeforeWhatJumpsOrIsThereFromTheBeginning) {
   UnitSubject unit = monitor("robot=@slide.urdf&scene=@comes.sdf&separation=all&obstacles=crate");
-  unit.set("crate.p", Values{0, 0, 0}).set("person.p", Values{0, 9, 0});
+  unit.set("crate.p", Values{0, 0, 0}).set("person.p", Values{0, 9, 0}).set("restart_delay", "0");
   unit.initialise();
   EXPECT_EQ(unit.integer("zone"), 2) << "the crate is around the robot";
   EXPECT_EQ(unit.integer("event_count"), 1);
@@ -261,7 +272,7 @@ TEST_F(Separations, GoOnFromASnapshotOfAnyStepWithTheSameBits) {
   std::mt19937 random(11);
   const auto uniform = [&](double low, double high) { return std::uniform_real_distribution<double>(low, high)(random); };
   UnitSubject one = monitor(query), other = monitor(query);
-  one.set("slow_band", "0.2");
+  one.set("slow_band", "0.2").set("restart_delay", "0.01");
   one.initialise();
   Snapshot snapshot;
   double x = 0;
@@ -280,12 +291,163 @@ TEST_F(Separations, GoOnFromASnapshotOfAnyStepWithTheSameBits) {
     if (k % 30 == 0) change("crate.scale", uniform(0.5, 3));
     if (k % 25 == 0) change("crate.present", k % 50 == 0 ? 1 : 0);
     if (k % 35 == 0) change("r", uniform(0, 0.2));
+    if (k % 45 < 3) {
+      for (UnitSubject* unit : {&one, &other}) (*unit)["person.p"][1] = NAN;
+    }
     for (UnitSubject* unit : {&one, &other}) unit->step(1e-3);
-    for (const char* name : {"separation", "S_p", "speed", "distance", "event_size"})
+    for (const char* name : {"separation", "S_p", "speed", "distance", "event_size", "least_distance"})
       ASSERT_EQ(one.real(name), other.real(name)) << name << " " << k;
     ASSERT_EQ(one.integer("event_count"), other.integer("event_count")) << k;
   }
   EXPECT_GT(one.integer("event_count"), 50);
+}
+
+// A robot that stands at the foot of a person is not stopped for it, one on rails is.
+TEST_F(Separations, BasesThatStandDoNotCount) {
+  std::string urdf = cotwin::testing::content(folder_.path() / "slide.urdf");
+  const std::string rail = "<link name=\"rail\">";
+  urdf.insert(urdf.find(rail) + rail.size(), "<collision><geometry><sphere radius=\"0.5\"/></geometry></collision>");
+  folder_.write("based.urdf", urdf);
+  for (const bool floats : {false, true}) {
+    UnitSubject unit = monitor(std::string("robot=@based.urdf&scene=@ball.sdf&separation=all&ignore=hand:obstacle&base=") +
+                               (floats ? "floating" : "fixed"));
+    unit.set("q", Values{3, 0, 0}).set("obstacle.p", Values{0, 1, 0}).set("a_r", Values{0});
+    unit.initialise();
+    EXPECT_NEAR(unit.real("distance"), 1 - 0.5 - 0.2, 1e-12) << "told all the same";
+    const double from_link = std::hypot(3, 1) - 0.3, from_base = 0.3;
+    EXPECT_NEAR(unit.real("separation"), (floats ? from_base : from_link) - unit.real("S_p"), 1e-12);
+    EXPECT_EQ(unit.integer("separation_pair", 0), floats ? 2 : 3) << "obstacle, rail, ball";
+    EXPECT_EQ(unit.integer("separation_pair", 1), 1);
+    EXPECT_EQ(unit.integer("zone"), floats ? 2 : 0);
+    EXPECT_EQ(unit.integer("event_body"), floats ? 1 : 0);
+  }
+}
+
+// The levers by hand: each joint's distance from the next, and the reach of the link.
+TEST_F(Separations, LinksSpeedUpAsTheirOwnJointsLetThem) {
+  folder_.write(
+      "person.sdf",
+      "<sdf version=\"1.11\"><world name=\"w\"><model name=\"person\"><link name=\"person\"><inertial><mass>1</mass><inertia>"
+      "<ixx>1</ixx><iyy>1</iyy><izz>1</izz></inertia></inertial><collision "
+      "name=\"c\"><geometry><sphere><radius>0.01</radius></sphere>"
+      "</geometry></collision></link></model></world></sdf>");
+  UnitSubject unit = monitor("robot=ur5e&scene=@person.sdf&separation=all");
+  const fs::path urdf = fs::path(places::source()) / "models/robots/ur5e/robot.urdf";
+  const robot::RobotModel model = robot::load_urdf(urdf);
+  const auto shapes = scene::hulls_of_urdf(urdf, model);
+  std::vector<double> most(6, 0.0);  // m/s of a point of each link
+  for (std::size_t link = 0; link < 6; ++link) {
+    double lever = 0;
+    for (const scene::Shape& s : shapes[link + 1]) lever = std::max(lever, collision::Body(std::span(&s, 1)).reach());
+    for (std::size_t j = link + 1; j-- > 0;) {
+      most[link] = std::max(most[link], model.joints[j].dq_max * lever);
+      lever += model.joints[j].X_PJ.p.norm();
+    }
+  }
+  const double largest = *std::ranges::max_element(most);
+  EXPECT_NEAR(unit.real("a_r"), largest / 0.5, 1e-9);
+  unit.set("T_r", "0.1").set("T_s", "0.4").set("a_r", "0.2");
+  const Values q{0, -1.2, 1.4, -1.5, -1.57, 0};
+  std::vector<Pose> X(6);
+  std::vector<Twist> V(6);
+  scene::place_links(model, {}, q, Values(6, 0.0), X, V);
+  std::set<int> seen;
+  for (std::size_t k = 0; k < 24; ++k) {
+    const double turn = M_PI / 2 * static_cast<double>(k % 4);
+    const Vector3d p = X[k / 4].p + 0.3 * Vector3d(std::cos(turn), std::sin(turn), 0);
+    unit.set("q", q).set("person.p", Values{p.x(), p.y(), p.z()});
+    unit.initialise();
+    const int nearest = unit.integer("separation_pair", 0) - 3;  // person, base, first link
+    ASSERT_GE(nearest, 0);
+    seen.insert(nearest);
+    const double a = 0.2 * most[static_cast<std::size_t>(nearest)] / largest;
+    EXPECT_NEAR(unit.real("S_p"), 1.6 * 0.5 + a * (0.1 * 0.1 / 2 + 0.1 * 0.4 / 2 + 0.4 * 0.4 / 6), 1e-9) << nearest;
+    const Vector3d way = unit.vector("separation_p_b") - unit.vector("separation_p_a");
+    EXPECT_NEAR(way.norm() - unit.real("S_p"), unit.real("separation"), 1e-9);
+    EXPECT_NEAR((unit.vector("separation_p_b") - p).norm(), 0.01, 1e-9);
+  }
+  EXPECT_GE(seen.size(), 3u);
+}
+
+TEST_F(Separations, RobotsStopForWhoIsLost) {
+  UnitSubject unit = monitor("robots=a:@slide.urdf,b:@slide.urdf&scene=@comes.sdf&separation=person&obstacles=crate");
+  unit.set("person.p", Values{0, 9, 0})
+      .set("b.base_p0", Values{0, -9, 0})
+      .set("restart_delay", "0.02")
+      .set("crate.present", "0");
+  unit.initialise();
+  EXPECT_EQ(unit.integer("zone"), 0);
+  int expected = 0;
+  for (const char* input : {"person.p", "person.quat", "person.v", "person.w"}) {
+    for (const double bad : {double{NAN}, double{INFINITY}}) {
+      const Values good = unit.values(input);
+      unit[input][1] = bad;
+      unit.step(0.01);
+      expected += 3;  // both robots stop, and the body is lost
+      EXPECT_EQ(unit.integer("event_count"), expected);
+      EXPECT_EQ(unit.integer("event_code"), 13);
+      EXPECT_EQ(unit.integer("event_body"), 2) << "crate, person";
+      for (const char* prefix : {"", "a.", "b."}) {
+        EXPECT_EQ(unit.integer(std::string(prefix) + "zone"), 2) << input;
+        EXPECT_EQ(unit.real(std::string(prefix) + "speed"), 0);
+      }
+      EXPECT_NEAR(unit.real("separation_p_b", 1), 9 - 0.2, 1e-12) << "where it was seen last";
+      unit.set(input, good);
+      unit.step(0.01);
+      EXPECT_EQ(unit.integer("zone"), 2);
+      for (int k = 0; k < 3; ++k) unit.step(0.01);
+      EXPECT_EQ(unit.integer("zone"), 1);
+      for (int k = 0; k < 3; ++k) unit.step(0.01);
+      EXPECT_EQ(unit.integer("zone"), 0);
+      expected += 4;
+    }
+  }
+  EXPECT_EQ(unit.integer("event_count"), expected);
+  // Long, and from the beginning, when the scene says where it is.
+  UnitSubject late = monitor("robot=@slide.urdf&scene=@ball.sdf&separation=all&ignore=hand:obstacle");
+  late.set("obstacle.p", Values{NAN, NAN, NAN}).set("obstacle.quat", Values{NAN, NAN, NAN, NAN});
+  late.start();
+  EXPECT_EQ(late.integer("zone"), 2);
+  EXPECT_NEAR(late.real("distance"), std::hypot(2, 0.5) - 0.3, 1e-12);
+  for (int k = 0; k < 1000; ++k) late.step(1e-3);
+  EXPECT_EQ(late.integer("event_count"), 2);
+  std::vector<std::string> notes;
+  late.unit().append_notes(notes);
+  EXPECT_THAT(notes,
+              ::testing::Contains("obstacle was lost (its pose or speed was no number) once, at 0 s, and was so at the end"));
+  // Its own joints, and bodies from which nobody keeps a distance, end the run.
+  late.set("q", Values{NAN, 0, 0});
+  EXPECT_THAT(error_of([&] { late.step(1e-3); }), HasSubstr("q[1]: is nan"));
+  UnitSubject watches = monitor("robot=@slide.urdf&scene=@ball.sdf");
+  watches.initialise();
+  watches.set("obstacle.p", Values{NAN, 0, 0});
+  EXPECT_THAT(error_of([&] { watches.step(1e-3); }), HasSubstr("obstacle.p[1]: is nan"));
+}
+
+TEST_F(Separations, RobotsGoOnAfterTheDelay) {
+  for (const double delay : {0.0, 0.05, 0.3, 100.0}) {
+    UnitSubject unit = monitor("robot=@slide.urdf&scene=@ball.sdf&separation=all&ignore=hand:obstacle");
+    unit.set("restart_delay", Values{delay}).set("a_r", Values{0}).set("obstacle.p", Values{0.5, 0, 0});
+    unit.initialise();
+    EXPECT_EQ(unit.integer("zone"), 2);
+    // Gone for a moment, then for good.
+    unit.set("obstacle.p", Values{50, 0, 0});
+    for (int k = 0; k < 3; ++k) unit.step(0.01);
+    EXPECT_EQ(unit.integer("zone"), delay == 0 ? 0 : 2);
+    unit.set("obstacle.p", Values{0.5, 0, 0});
+    unit.step(0.01);
+    EXPECT_EQ(unit.integer("zone"), 2);
+    unit.set("obstacle.p", Values{50, 0, 0});
+    const double gone = unit.now() + 0.01;
+    double slow = -1, clear = -1;
+    for (int k = 0; k < 120; ++k) {
+      unit.step(0.01);
+      if (slow < 0 && unit.integer("zone") == 1) slow = unit.now();
+      if (clear < 0 && unit.integer("zone") == 0) clear = unit.now();
+    }
+    EXPECT_NEAR(slow, delay > 1 ? -1 : gone + delay, 1e-9) << delay;
+    EXPECT_NEAR(clear, delay > 1 ? -1 : gone + 2 * delay + 0.01, 1e-9) << delay;
+  }
 }
 
 TEST_F(Separations, ObstaclesMoveTurnGrowAndVanishWithoutAllocating) {

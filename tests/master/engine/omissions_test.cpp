@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include "master/workflows/check.h"
+#include "models/foundation/support/text.h"
 #include "tests/master/test_units.h"
 #include "tests/support/error_of.h"
 #include "tests/support/growth.h"
@@ -167,6 +168,36 @@ TEST(Omissions, ContactForcesThatDoNotReachTheRobotAreReported) {
                                                     HasSubstr("although world.tau_e returns it"))));
   robot.connect("world.tau_e", "drive.tau_e");
   EXPECT_THAT(warnings_of(robot), IsEmpty());
+}
+
+/// A motion, a person and a monitor that keeps their separation.
+struct Cell : Build {
+  explicit Cell(bool told, double T_s = 0.5, bool speed_known = true) {
+    until(1);
+    const std::string scene = "scene=" + std::string(places::source()) + "/examples/20_safety_hulls/person.sdf";
+    unit("motion", "motion?robot=planar2&override=true").with("waypoint_q", std::string("0.5 -0.8 1.1 -1.4"));
+    with("speed_ramp", std::string("0.5"));
+    unit("floor", "contact_world?" + scene);
+    unit("monitor", "monitor?robot=planar2&separation=person&" + scene, 1).with("T_s", text::to_text(T_s));
+    connect("motion.q_d", "monitor.q");
+    connect("motion.dq_d", "monitor.dq");
+    for (const std::string x : {"p", "quat", "v", "w"})
+      if (x != "v" || speed_known)
+        scenario.connections.push_back(
+            {{"floor", "person." + x, ""}, {"monitor", "person." + x, ""}, 1, 0, false, "test.ssd:41"});
+    if (told) connect("monitor.speed", "motion.speed");
+  }
+};
+
+TEST(Omissions, RobotsThatAreNotToldToStopAreReported) {
+  EXPECT_THAT(warnings_of(Cell(true)), IsEmpty());
+  EXPECT_THAT(warnings_of(Cell(false)),
+              ::testing::Contains(
+                  HasSubstr("monitor.speed is connected to nothing, so nobody tells the robot to slow down or to stop")));
+  EXPECT_THAT(warnings_of(Cell(true, 0.3)),
+              ElementsAre(HasSubstr("monitor.T_s is 0.3 s, but motion.speed_ramp is 0.5 s: the robot stops later than")));
+  EXPECT_THAT(warnings_of(Cell(true, 0.5, false)),
+              ElementsAre(HasSubstr("monitor.person.v (velocity of its origin in W) is not connected")));
 }
 
 TEST(Omissions, EventsAfterTheEndAreReported) {

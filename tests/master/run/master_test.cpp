@@ -5,12 +5,15 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <sstream>
 
+#include "components/unit/unit_table.h"
 #include "master/results/summary.h"
 #include "tests/master/test_units.h"
 #include "tests/support/allocations.h"
+#include "tests/support/places.h"
 
 namespace cotwin::master::master_test {
 namespace {
@@ -156,6 +159,35 @@ TEST(Master, ANanEndsTheRunAndNamesItsSource) {
     });
   }();
   EXPECT_EQ(message, "f.y[3] is nan at t = 0.005 s, expected a finite output");
+}
+
+// Unless nobody but a monitor hears it, who stops the robot for a body that is lost.
+TEST(Master, ANanOfASensorEndsTheRunOnlyWhereSomebodyElseHearsIt) {
+  std::vector<UnitType> types(unit_types().begin(), unit_types().end());
+  types.push_back(*std::ranges::find(testing::test_types(), "faulty", &UnitType::name));
+  types.push_back(*std::ranges::find(testing::test_types(), "gain", &UnitType::name));
+  for (const bool others : {false, true}) {
+    Build b;
+    b.unit("f", "faulty").with("after", 0.004);
+    b.unit("monitor",
+           "monitor?robot=planar2&separation=person&scene=" + std::string(places::source()) +
+               "/examples/20_safety_hulls/person.sdf",
+           1);
+    b.scenario.connections.push_back({{"f", "y", ""}, {"monitor", "person.p", ""}, 1, 0, true, "test.ssd:41"});
+    if (others) b.unit("g", "gain", 1).connect("f.y[3]", "g.u").as_it_is();
+    MasterOptions options;
+    options.types = types;
+    options.folders = {std::filesystem::path(places::source()) / "models"};
+    Master master(b.scenario, std::move(options));
+    master.initialise();
+    const std::string message = error_of([&] {
+      while (master.step_tick()) {
+      }
+    });
+    EXPECT_EQ(message, others ? "f.y[3] is nan at t = 0.005 s, expected a finite output" : "");
+    EXPECT_EQ(value(master, "monitor.zone"), 2);
+    EXPECT_EQ(value(master, "monitor.event_code"), 13);
+  }
 }
 
 // Its source may be the loop and not the unit that computes it first.

@@ -51,17 +51,23 @@ export class Marks {
 /// The points of a cloud, coloured by height, those near a mark in the colour of distances.
 export class CloudView {
   readonly group = new three.Group();
-  private constructor(
-    cloud: Cloud,
-    steps: Float32Array | Float64Array,
-    private readonly marks: Marks,
-  ) {
+  private constructor(cloud: Cloud, steps: Float32Array | Float64Array, marks: Marks) {
     const n = steps.length / 3;
     const places = new Uint16Array(3 * n);
     for (let k = 0; k < n; ++k) for (let i = 0; i < 3; ++i) places[3 * k + i] = steps[i * n + k]!;
     const geometry = new three.BufferGeometry();
     geometry.setAttribute('position', new three.BufferAttribute(places, 3));
-    const points = new three.Points(geometry, this.material());
+    const heights = { value: new three.Vector2() };
+    const pixels = { value: 1 };
+    const uniforms = {
+      heights,
+      pixels,
+      lowest: { value: new three.Color('#7d8794') },
+      highest: { value: new three.Color('#c2a878') },
+      marked: { value: new three.Color(kCues.distance) },
+      ...marks.uniforms,
+    };
+    const points = new three.Points(geometry, new three.ShaderMaterial({ vertexShader: kVertex, fragmentShader: kFragment, uniforms }));
     points.position.set(...cloud.low);
     points.scale.set(...cloud.step);
     const [w, x, y, z] = cloud.quat;
@@ -69,29 +75,15 @@ export class CloudView {
     this.group.quaternion.set(x, y, z, w);
     this.group.add(points);
     const box = this.box();
-    points.material.uniforms['heights']!.value.set(box.min.z, box.max.z);
+    heights.value.set(box.min.z, box.max.z);
     points.onBeforeRender = (renderer, _scene, camera) => {
       const lens = camera as three.PerspectiveCamera;
-      points.material.uniforms['pixels']!.value = cloud.size * (renderer.domElement.height / 2) * lens.projectionMatrix.elements[5]!;
+      pixels.value = cloud.size * (renderer.domElement.height / 2) * lens.projectionMatrix.elements[5]!;
     };
   }
   /// `numbers`: packed, base64.
   static async make(cloud: Cloud, numbers: string, marks: Marks): Promise<CloudView> {
     return new CloudView(cloud, await unpack(numbers, cloud.points), marks);
-  }
-  private material(): three.ShaderMaterial {
-    return new three.ShaderMaterial({
-      vertexShader: kVertex,
-      fragmentShader: kFragment,
-      uniforms: {
-        heights: { value: new three.Vector2() },
-        lowest: { value: new three.Color('#7d8794') },
-        highest: { value: new three.Color('#c2a878') },
-        marked: { value: new three.Color(kCues.distance) },
-        pixels: { value: 1 },
-        ...this.marks.uniforms,
-      },
-    });
   }
   box(): three.Box3 {
     this.group.updateMatrixWorld(true);

@@ -30,6 +30,9 @@ export const kCues = {
   distance: kPalette.blue,
 } as const;
 
+/// Of what a monitor asks a robot for: nothing, to slow down, to stop.
+export const kZones = [kPalette.green, kPalette.orange, kPalette.vermilion] as const;
+
 /// A colour of the style sheet, which depends on dark and light.
 export function style_colour(name: string): string {
   return getComputedStyle(document.documentElement).getPropertyValue(name).trim();

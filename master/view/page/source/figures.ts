@@ -1,5 +1,5 @@
 import * as three from 'three';
-import { kRoles } from './colours';
+import { kCues, kRoles } from './colours';
 import { Instances, type Member } from './instances';
 import type { Base, Body, Figure, PageData, Robot, Tool, Track, Visual } from './format';
 import { Mechanism, frame_pose, matrix_of } from './kinematics';
@@ -114,6 +114,7 @@ export class FigureView {
   readonly group = new three.Group();
   private readonly base_pose: RecordedPose;
   private readonly tools: { tool: Tool; group: three.Group }[];
+  private readonly bodies: three.Group[];
 
   constructor(
     readonly figure: Figure,
@@ -150,6 +151,7 @@ export class FigureView {
     const none: Track = { role: 'main', signal: '' };
     const main = figure.tracks.find((track) => track.role === 'main') ?? none;
     const bodies = dressed(main);
+    this.bodies = bodies;
     this.main = new Shown(mechanism, main, figure.q0, bodies, recording);
     this.group.add(this.main.group);
     const metal = matte({ color: '#5c8f6b' });
@@ -172,6 +174,22 @@ export class FigureView {
     }
   }
 
+  /// Translucent solids around the links, larger by r, m. Hulls of corners and meshes have none.
+  veil(r: number): three.Object3D[] {
+    const material = matte({ color: kCues.distance, transparent: true, opacity: 0.13, depthWrite: false });
+    const more = { sphere: [1, 0, 0], capsule: [1, 0, 0], cylinder: [1, 2, 0], ellipsoid: [1, 1, 1], box: [2, 2, 2] } as const;
+    return this.robot.solids.flatMap((list, i) =>
+      list.flatMap((visual) => {
+        if (!(visual.kind in more)) return [];
+        const by = more[visual.kind as keyof typeof more];
+        const larger: Visual = { ...visual, size: [0, 1, 2].map((k) => visual.size[k]! + r * by[k]!) as Visual['size'] };
+        const object = visual_object(larger, undefined, [], material, true);
+        if (object === undefined) return [];
+        this.bodies[i]!.add(object);
+        return [object];
+      }),
+    );
+  }
   box(): three.Box3 {
     this.group.updateMatrixWorld(true);
     return new three.Box3().setFromObject(this.group);

@@ -195,6 +195,11 @@ export interface Measured {
   p_a: string;
   p_b: string;
   distance: string;
+  /// The robot in PageData.figures that is watched, -1: several; by how much its shapes are inflated, m.
+  figure?: number;
+  r?: number;
+  /// The pair that counts for the separation of robots and people.
+  apart?: { p_a: string; p_b: string; S_p: string; zone: string };
 }
 
 /// The zone of a robot: 0 clear, 1 slow, 2 stop.
