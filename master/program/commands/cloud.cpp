@@ -124,16 +124,16 @@ int run_cloud(const CloudArguments& a) {
   if (a.without.empty() != a.at.empty()) throw Error("--without", "and --at, expected both or none");
   if (a.voxel && !(*a.voxel >= 1e-6 && *a.voxel <= 1e6))
     throw Error("--voxel", text::to_text(*a.voxel) + ", expected 1e-6 to 1e6 m");
-  const std::optional<cloud::Format> format = a.out.empty() ? std::nullopt : std::optional(cloud::format_of(a.out));
+  if (!a.out.empty()) (void)cloud::format_of(a.out);  // before the work
   if (a.file.empty() == a.from.empty()) throw Error("FILE", "and --from, expected one of the two");
   cloud::Cloud cloud = a.from.empty() ? read(a) : sampled(a);
   if (!a.pose.empty()) cloud = cloud::moved(cloud, read_base(a.pose, "--pose").second);
   if (!a.without.empty()) cloud = without_robot(std::move(cloud), a);
   if (a.voxel) cloud = cloud::thinned(cloud, *a.voxel);
   tell(cloud);
-  if (format) {
+  if (!a.out.empty()) {
     AtomicFile file(a.out);
-    cloud::write_cloud(file.stream(), cloud, *format);
+    cloud::write_cloud(file.stream(), cloud, cloud::format_of(a.out));
     file.commit();
     std::cout << "written  " << a.out.string() << ", in m\n";
   }

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "components/unit/snapshot.h"
+#include "models/collision/body.h"
 #include "models/robot/urdf/urdf.h"
 #include "models/scene/robot_links.h"
 #include "models/scene/urdf/urdf_shapes.h"

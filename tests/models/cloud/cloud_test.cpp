@@ -295,7 +295,8 @@ TEST(Clouds, OfScenesAreEvenlyOnTheirSurfaces) {
     return s;
   };
   constexpr double kPi = 3.14159265358979323846, r = 0.3, l = 0.7;
-  scene::Shape triangle = shape(scene::ShapeType::kTriangle, {0.1, 0, 0}), hull = shape(scene::ShapeType::kHull, {});
+  scene::Shape triangle = shape(scene::ShapeType::kTriangle, {0.1, 0, 0}),
+               hull = shape(scene::ShapeType::kHull, Vector3d::Zero());
   triangle.vertices = {{0, 0, 0}, {1, 0, 0}, {0, 2, 0}};
   hull.vertices = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
   struct Case {
@@ -351,7 +352,7 @@ TEST(Clouds, OfScenesAreEvenlyOnTheirSurfaces) {
   scene::Scene plane;
   plane.bodies.resize(1);
   plane.bodies[0].name = "floor";
-  plane.bodies[0].shapes = {shape(scene::ShapeType::kPlane, {})};
+  plane.bodies[0].shapes = {shape(scene::ShapeType::kPlane, Vector3d::Zero())};
   std::vector<std::string> left_out;
   EXPECT_TRUE(sample(plane, {}, left_out).points.empty());
   EXPECT_THAT(left_out, ElementsAre("floor"));

@@ -231,7 +231,8 @@ TEST(Clouds, OfAPlaneHaveTheDistanceOfTheNextPoints) {
   cloud.set_ball(0.05);
   EXPECT_NEAR(finder.find(ball, at(0.11, -0.21), cloud, {}).d, beside - kRadius - 0.05, 1e-8);
   EXPECT_NEAR(cloud.radius(), std::numbers::sqrt2 + 0.05, 1e-6);
-  EXPECT_NEAR(finder.find(Body(std::vector{shape(ShapeType::kPlane, {})}), {}, cloud, at(0, 0)).d, kHeight - 0.05, 1e-8);
+  EXPECT_NEAR(finder.find(Body(std::vector{shape(ShapeType::kPlane, Vector3d::Zero())}), {}, cloud, at(0, 0)).d, kHeight - 0.05,
+              1e-8);
   EXPECT_EQ(finder.find(cloud, {}, cloud, at(0, 0)).d, scene::kInfinity);
   EXPECT_FALSE(cloud.empty());
 }
