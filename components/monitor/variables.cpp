@@ -124,7 +124,7 @@ void Monitor::declare(Variables& v) {
       v.tunable(
            "cloud.r", cloud_r_, "m",
            "radius of the balls around the points of the cloud; default: half of the spacing that 95 % of them have, so that "
-           "nothing fits between")
+           "those balls touch")
           .range(0, 100);
     }
     if (part.moves) v.state(body.prefix + "before", body.pose.before, "1", "pose at the last step");

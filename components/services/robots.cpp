@@ -147,7 +147,8 @@ std::shared_ptr<const cloud::Obstacle> Robots::cloud(const std::string& name, st
   if (found.empty())
     throw Error("cloud", "'" + name + "' is unknown, expected scenes/" + name + "/scene.pcd or scenes/" + name +
                              ".pcd beside a folder with robots" + (paths_ ? ", or a path to a point cloud" : ""));
-  const fs::file_time_type time = fs::last_write_time(found);
+  std::error_code missing;  // told when it is read
+  const fs::file_time_type time = fs::last_write_time(found, missing);
   std::shared_ptr<const cloud::Obstacle> cloud;
   {
     const std::lock_guard lock(mutex_);

@@ -288,7 +288,9 @@ class Finder {
           told = true;
           const Member& motion = members_[link.to.member];
           const Variable* ramp = motion.variables().find("speed_ramp");
-          if (ramp == nullptr || link.to.variable->name != "speed" || !(v.reals()[0] < ramp->reals()[0])) continue;
+          if (ramp == nullptr || from != prefix + "speed" || link.to.variable->name != "speed" ||
+              !(v.reals()[0] < ramp->reals()[0]))
+            continue;
           warn(m, members_[m].name() + "." + v.name + " is " + text::to_text(v.reals()[0]) + " s, but " + motion.name() +
                       ".speed_ramp is " + text::to_text(ramp->reals()[0]) +
                       " s: the robot stops later than its separation counts; expected a T_s of at least that, and of the lag "
