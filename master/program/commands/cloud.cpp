@@ -54,6 +54,8 @@ cloud::Cloud without_robot(cloud::Cloud cloud, const CloudArguments& a) {
   if (std::ssize(a.at) != model.n())
     throw Error("--at", std::to_string(a.at.size()) + " positions, expected " + std::to_string(model.n()) +
                             ", of the joints of " + model.name);
+  for (const double q : a.at)
+    if (!std::isfinite(q)) throw Error("--at", text::to_text(q) + ", expected finite positions");
   std::vector<Pose> X_WL(model.bodies.size());
   std::vector<Twist> V_WL(model.bodies.size());
   const Pose X_WB = read_base(a.base).second;
@@ -112,7 +114,10 @@ cloud::Cloud read(const CloudArguments& a) {
 cloud::Cloud sampled(const CloudArguments& a) {
   if (!(a.sampling.spacing > 0) || !(a.sampling.sigma >= 0)) throw Error("--spacing", "and --sigma, expected lengths in m");
   std::vector<std::string> notes, left_out;
-  cloud::Cloud cloud = cloud::sample(surroundings({a.from}, {}, notes).scene, a.sampling, left_out);
+  const Surroundings around = surroundings({a.from}, {}, notes);
+  if (!around.clouds.empty())
+    throw Error("--from " + a.from, "is a point cloud, expected a scene, or the cloud without --from");
+  cloud::Cloud cloud = cloud::sample(around.scene, a.sampling, left_out);
   if (!left_out.empty()) notes.push_back("without planes and heightmaps: " + text::joined(left_out));
   for (const std::string& note : notes) std::cerr << "cotwin: warning: " << note << '\n';
   if (cloud.points.empty())

@@ -74,6 +74,8 @@ TEST_F(CloudCommand, DropsThePointsOfTheRobot) {
   EXPECT_EQ(load_cloud(folder_ / "rest.xyz").cloud.points.size(), 2u);
   EXPECT_THAT(cloud({"scan.csv", "--without", "lwr4"}).err, HasSubstr("--without: and --at, expected both or none"));
   EXPECT_THAT(cloud({"scan.csv", "--without", "lwr4", "--at", "0,0"}).err, HasSubstr("--at: 2 positions, expected 7"));
+  EXPECT_EQ(cloud({"scan.csv", "--without", "lwr4", "--at", "nan,0,0,0,0,0,0"}).err,
+            "cotwin: --at: nan, expected finite positions\n");
   folder_.write("own.csv", points);
   const RunResult none = cloud({"own.csv", "--without", "lwr4", "--at", at, "--base", "0.5 0 0.2 0 0 1", "-o", "none.pcd"});
   EXPECT_EQ(none.code, 2);
@@ -91,6 +93,8 @@ TEST_F(CloudCommand, RefusesWithOneMessage) {
            {{"scan.xyz", "-o", "x.stl"},
             "cotwin: x.stl: unknown format of a point cloud, expected .pcd, .ply, .xyz, .csv, .txt, .asc or .pts\n"},
            {{"scan.xyz", "--unit", "s"}, "cotwin: --unit: 's', expected a length such as mm\n"},
+           {{"--from", "cell_cloud"},
+            "cotwin: --from cell_cloud: is a point cloud, expected a scene, or the cloud without --from\n"},
            {{"scan.xyz", "--voxel", "0"}, "cotwin: --voxel: 0, expected 1e-6 to 1e6 m\n"}}) {
     const RunResult refused = cloud(arguments);
     EXPECT_EQ(refused.code, 2);

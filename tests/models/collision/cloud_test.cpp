@@ -14,6 +14,7 @@
 #include "models/collision/body.h"
 #include "models/scene/hull.h"
 #include "models/scene/mesh.h"
+#include "tests/models/collision/random_shapes.h"
 #include "tests/support/allocations.h"
 
 namespace cotwin::collision::cloud_test {
@@ -22,29 +23,6 @@ namespace {
 using Eigen::Vector3d;
 using scene::Shape;
 using scene::ShapeType;
-
-class Random {
- public:
-  explicit Random(std::uint64_t seed) : engine_(seed) {}
-  double real(double low, double high) { return low + (high - low) * static_cast<double>(engine_() >> 11) * 0x1p-53; }
-  Vector3d vector(double most) { return {real(-most, most), real(-most, most), real(-most, most)}; }
-  Vector3d direction() {
-    Vector3d v = vector(1);
-    while (v.norm() < 0.1 || v.norm() > 1) v = vector(1);
-    return v.normalized();
-  }
-  Pose pose(double most) { return {Eigen::AngleAxisd(real(0, 6), direction()).toRotationMatrix(), vector(most)}; }
-
- private:
-  std::mt19937_64 engine_;
-};
-
-Shape shape(ShapeType type, const Vector3d& size) {
-  Shape s;
-  s.type = type;
-  s.size = size;
-  return s;
-}
 
 std::shared_ptr<const cloud::Tree> tree_of(const std::vector<Vector3d>& points) {
   return std::make_shared<cloud::Tree>(cloud::make_cloud(points));

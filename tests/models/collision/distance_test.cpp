@@ -16,6 +16,7 @@
 #include "models/foundation/support/error.h"
 #include "models/scene/hull.h"
 #include "models/scene/shapes.h"
+#include "tests/models/collision/random_shapes.h"
 #include "tests/support/allocations.h"
 
 namespace cotwin::collision::distance_test {
@@ -25,32 +26,6 @@ using Eigen::Matrix3d;
 using Eigen::Vector3d;
 using scene::Shape;
 using scene::ShapeType;
-
-class Random {
- public:
-  explicit Random(std::uint64_t seed) : engine_(seed) {}
-  double real(double low, double high) { return low + (high - low) * static_cast<double>(engine_() >> 11) * 0x1p-53; }
-  Vector3d vector(double most) { return {real(-most, most), real(-most, most), real(-most, most)}; }
-  Vector3d direction() {
-    Vector3d v = vector(1);
-    while (v.norm() < 0.1 || v.norm() > 1) v = vector(1);
-    return v.normalized();
-  }
-  Pose pose(double most) {
-    const Vector3d axis = direction();
-    return {Eigen::AngleAxisd(real(0, 6), axis).toRotationMatrix(), vector(most)};
-  }
-
- private:
-  std::mt19937_64 engine_;
-};
-
-Shape shape(ShapeType type, const Vector3d& size) {
-  Shape s;
-  s.type = type;
-  s.size = size;
-  return s;
-}
 
 Shape hull(std::vector<Vector3d> vertices) {
   Shape s = shape(ShapeType::kHull, Vector3d::Zero());
