@@ -25,11 +25,11 @@ std::string creeping(const optimisation::Problem& p, const optimisation::Solutio
   std::size_t joint = 0;
   constexpr int kPlaces = 400;
   for (int i = 0; i <= kPlaces; ++i) {
-    const double at = motion.T * i / kPlaces, share = static_cast<double>(i) / kPlaces;
+    const double along = static_cast<double>(i) / kPlaces, at = motion.T * along;
     motion.path.at(at, q, dq, ddq);
     const Eigen::Map<const Eigen::VectorXd> posture(q.data(), p.robot.n());
-    robot::gravity(dynamics.mechanism(share), scratch.data, posture, gravity);
-    gravity -= dynamics.wrench_torque(scratch, share, posture);
+    robot::gravity(dynamics.mechanism(along), scratch.data, posture, gravity);
+    gravity -= dynamics.wrench_torque(scratch, along, posture);
     for (std::size_t j = 0; j < n; ++j) {
       const auto term = [j](const std::vector<double>& values) { return values.empty() ? 0.0 : values[j]; };
       const double own =
