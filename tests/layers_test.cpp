@@ -171,6 +171,7 @@ const std::map<std::string, std::vector<std::string>> kRooms = {
       "identification/torque_data",
       "identification",
       "identification/excitation"}},
+    {"components/unit", {"", "surroundings"}},
     {"components/services", {"", "json", "json/answers"}},
     {"components/io",
      {"fri", "rtde", "ethercat", "ethercat/master", "emulators/kuka", "emulators/ur", "emulators/ethercat", "link", "emulators",

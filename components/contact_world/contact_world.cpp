@@ -140,7 +140,7 @@ void ContactWorld::build() {
     }
   }
   for (const LatchPort& latch : latches_) {
-    latch.add(scene, [&](const LatchPort::End& end) {
+    latch.add(scene, [&](const scene::PlacedFrame& end) {
       if (end.robot < 0) return end.body;
       const Assembled& parts = robots_[static_cast<std::size_t>(end.robot)]->parts;
       return static_cast<int>(end.body < 0 ? parts.base : parts.bodies[static_cast<std::size_t>(end.body)]);

@@ -8,34 +8,6 @@
 #include "models/scene/robot_links.h"
 
 namespace cotwin::contact_world {
-namespace {
-
-/// The frame that an item of the setting names. Throws Error with what there is.
-LatchPort::End end_of(const std::string& where, std::string_view item, const scene::Cell& cell) {
-  const std::string whole(text::trim(item));
-  const std::size_t slash = whole.find('/');
-  const std::string owner = whole.substr(0, slash), frame = slash == std::string::npos ? "" : whole.substr(slash + 1);
-  const scene::Scene& scene = cell.scene;
-  const auto named = [](const std::string& name) { return [name](const auto& x) { return x.name == name; }; };
-  for (std::size_t r = 0; r < cell.robots.size(); ++r) {
-    const scene::PlacedRobot& robot = cell.robots[r];
-    const bool only = robot.name.empty();
-    if (!only && robot.name != owner) continue;
-    const auto found = std::ranges::find_if(robot.model.frames, named(only ? whole : frame));
-    if (found != robot.model.frames.end()) return {static_cast<int>(r), found->body, found->X_BF};
-    if (!only) throw Error(where, "'" + whole + "': robot '" + owner + "' has no frame '" + frame + "'");
-  }
-  if (frame.empty()) {
-    if (const auto body = std::ranges::find_if(scene.bodies, named(owner)); body != scene.bodies.end())
-      return {-1, static_cast<int>(body - scene.bodies.begin()), {}};
-  }
-  const auto found = std::ranges::find_if(scene.frames, named(frame.empty() ? owner : owner + "." + frame));
-  if (found != scene.frames.end()) return {-1, found->body, found->X_BF};
-  throw Error(where, "'" + whole + "' is no frame of a robot and no body or frame of scene '" + scene.name +
-                         "', expected ROBOT/FRAME (FRAME of a single robot), BODY or BODY/FRAME");
-}
-
-}  // namespace
 
 std::vector<LatchPort> LatchPort::read(const std::string& place, const std::string& setting, const scene::Cell& cell) {
   std::vector<LatchPort> latches;
@@ -48,7 +20,7 @@ std::vector<LatchPort> LatchPort::read(const std::string& place, const std::stri
     LatchPort one;
     one.name_ = text::identifier(std::string(text::trim(parts[0])));
     if (text::trim(parts[0]).empty()) throw Error(where, "'" + std::string(item) + "': no name, expected name|frame|frame");
-    for (int k = 0; k < 2; ++k) one.ends_[k] = end_of(where, parts[static_cast<std::size_t>(k) + 1], cell);
+    for (int k = 0; k < 2; ++k) one.ends_[k] = scene::find_frame(cell, parts[static_cast<std::size_t>(k) + 1], where);
     if (one.ends_[0].robot == one.ends_[1].robot && one.ends_[0].body == one.ends_[1].body)
       throw Error(where, "'" + one.name_ + "': both frames are on the same body, expected two bodies");
     one.law_.force = one.law_.moment = 0;
@@ -81,7 +53,7 @@ void LatchPort::declare(Variables& v) {
   v.state(x + "broken", broken_, "1", "how often it broke away; then the first time, s");
 }
 
-void LatchPort::add(scene::Scene& scene, const std::function<int(const End&)>& body) const {
+void LatchPort::add(scene::Scene& scene, const std::function<int(const scene::PlacedFrame&)>& body) const {
   scene::Joint joint;
   joint.name = name_;
   joint.type = scene::JointType::kFixed;

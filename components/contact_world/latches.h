@@ -13,13 +13,6 @@ namespace cotwin::contact_world {
 /// reach, and opens in the one in which `close` becomes false.
 class LatchPort {
  public:
-  /// A frame on a body of a robot or of the scene.
-  struct End {
-    int robot = -1;  // index; −1: of the scene
-    int body = -1;   // of the robot (−1: its base) or of the scene (−1: the world)
-    Pose X_BF;
-  };
-
   /// Of the setting NAME|frame|frame;…: a frame is ROBOT/FRAME, FRAME of the only robot, BODY, or BODY/FRAME (MODEL/FRAME) of the scene.
   /// Throws Error.
   static std::vector<LatchPort> read(const std::string& place, const std::string& setting, const scene::Cell& cell);
@@ -27,7 +20,7 @@ class LatchPort {
   const std::string& name() const { return name_; }
   void declare(Variables& v);
   /// Adds the latch; `body`: index in the scene of the body that an end is on.
-  void add(scene::Scene& scene, const std::function<int(const End&)>& body) const;
+  void add(scene::Scene& scene, const std::function<int(const scene::PlacedFrame&)>& body) const;
   /// At the start of a run: open.
   void reset();
   /// Before a step at `now` (s): brings tunables into force, opens and closes. Allocates nothing. Throws Error for tunables that are not
@@ -41,7 +34,7 @@ class LatchPort {
 
  private:
   std::string name_;
-  End ends_[2];
+  scene::PlacedFrame ends_[2];
   bool close_ = false, closed_ = false;
   std::vector<double> p_{0, 0, 0}, f_{0, 0, 0}, m_{0, 0, 0};
   Wrench wrench_ = Wrench::Zero();

@@ -7,21 +7,16 @@
 
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/file_store.h"
+#include "models/foundation/support/text.h"
 #include "models/mechanics/pose_values.h"
-#include "models/scene/robot_links.h"
 
 namespace cotwin::monitor {
 namespace {
 
 using Eigen::Vector3d;
+using surroundings::check_finite;
 
 Eigen::Map<const Vector3d> vector3(const Values& v) { return Eigen::Map<const Vector3d>(v.data()); }
-
-bool is_finite(const PosePorts& pose) {
-  return std::ranges::all_of(std::array{&pose.p, &pose.quat, &pose.v, &pose.w}, [](const Values* v) {
-    return std::ranges::all_of(*v, [](double x) { return std::isfinite(x); });
-  });
-}
 
 }  // namespace
 
@@ -43,20 +38,15 @@ Monitor::Monitor(Settings& settings)
 void Monitor::add_parts(Settings& settings) {
   cell_.add(given_.scene);
   for (const scene::Body& body : given_.scene.bodies) {
-    auto made = std::make_unique<Body>();
-    made->prefix = text::identifier(body.name) + ".";
-    made->pose.p = {body.X_WB.p.x(), body.X_WB.p.y(), body.X_WB.p.z()};
-    put_quaternion(body.X_WB.R, made->pose.quat);
     if (cell_.parts[bodies_.size()].body.open())
       settings.warn("body '" + body.name + "' is not closed, so that nothing counts as inside it");
-    bodies_.push_back(std::move(made));
+    bodies_.push_back(std::make_unique<Body>(body));
   }
   add_obstacles(settings.text("obstacles"));
   if (!settings.text("cloud").empty()) add_cloud(settings);
   for (const scene::PlacedRobot& placed : given_.robots) {
     robots_.push_back(std::make_unique<Robot>(placed));
-    robots_.back()->first = cell_.parts.size();
-    const std::string bare = cell_.add(placed, floating_);
+    const std::string bare = robots_.back()->add_to(cell_, floating_);
     if (!bare.empty()) settings.warn("robot '" + placed.model.name + "': " + bare + ", whose distance is not watched");
   }
   const std::string ignored = settings.text("ignore");
@@ -111,26 +101,13 @@ void Monitor::add_cloud(Settings& settings) {
 }
 
 void Monitor::check_inputs(Time now) const {
-  const auto check = [&](const std::string& owner, const char* name, const Values& v) {
-    for (std::size_t i = 0; i < v.size(); ++i) {
-      if (std::isfinite(v[i])) continue;
-      throw Error(place_ + "." + owner + name + "[" + std::to_string(i + 1) + "]",
-                  "is " + text::to_text(v[i]) + " at " + text::to_text(now.seconds()) + " s, expected a finite value");
-    }
-  };
-  const auto check_pose = [&](const std::string& owner, const PosePorts& pose) {
-    check(owner, "p", pose.p);
-    check(owner, "quat", pose.quat);
-    check(owner, "v", pose.v);
-    check(owner, "w", pose.w);
-  };
   for (const auto& robot : robots_) {
-    check(robot->prefix, "q", robot->q);
-    check(robot->prefix, "dq", robot->dq);
-    if (floating_) check_pose(robot->prefix + "base_", robot->base);
+    check_finite(place_, robot->prefix, "q", robot->q, now);
+    check_finite(place_, robot->prefix, "dq", robot->dq, now);
+    if (floating_) check_finite(place_, robot->base_prefix, robot->base, now);
   }
   for (std::size_t k = 0; k < bodies_.size(); ++k)
-    if (cell_.parts[k].moves && !bodies_[k]->kept) check_pose(bodies_[k]->prefix, bodies_[k]->pose);
+    if (cell_.parts[k].moves && !bodies_[k]->kept) check_finite(place_, bodies_[k]->prefix, bodies_[k]->pose, now);
 }
 
 void Monitor::place_obstacle(std::size_t k) {
@@ -159,7 +136,7 @@ void Monitor::place(Time now) {
   for (std::size_t k = 0; k < bodies_.size(); ++k) {
     Body& body = *bodies_[k];
     body.was_lost = body.lost[0] != 0;
-    body.lost[0] = body.kept && !is_finite(body.pose) ? 1 : 0;
+    body.lost[0] = body.kept && !body.pose.is_finite() ? 1 : 0;
     if (body.comes)
       place_obstacle(k);
     else if (body.lost[0] != 0)  // where it was seen last
@@ -167,22 +144,11 @@ void Monitor::place(Time now) {
     else if (cell_.parts[k].moves)
       cell_.place(cell_.parts[k], pose_of_input(place_, body.prefix, "quat", body.pose.p, body.pose.quat));
   }
-  for (std::size_t i = 0; i < robots_.size(); ++i) {
-    Robot& r = *robots_[i];
+  for (const auto& robot : robots_) {
+    Robot& r = *robot;
     if (floating_) r.X_WB = pose_of_input(place_, r.prefix, "base_quat", r.base.p, r.base.quat);
-    scene::place_links(r.placed->model, r.X_WB, r.q, r.dq, r.X_WL, r.V_WL);
-    cell_.place(static_cast<int>(i), r.X_WB, r.X_WL);
-    for (std::size_t l = 0; l < r.placed->shapes.size(); ++l) {
-      const std::size_t part = r.first + l;
-      jumped_[part] = 0;
-      for (std::size_t k = 0; k < r.placed->shapes[l].size(); ++k) {
-        const std::string& tool = r.placed->shapes[l][k].tool;
-        if (tool.empty()) continue;
-        const auto at = static_cast<std::size_t>(std::ranges::find(r.tools, tool) - r.tools.begin());
-        cell_.parts[part].body.set_present(k, r.tools_wanted[at] != 0);
-        if (r.tools_wanted[at] != r.tools_in_force[at]) jumped_[part] = 1;
-      }
-    }
+    r.place(cell_, r.q, r.dq);
+    for (std::size_t l = 0; l < r.placed->shapes.size(); ++l) jumped_[r.first + l] = r.show_tools(cell_, l) ? 1 : 0;
     r.tools_in_force = r.tools_wanted;
     r.at = -1;
   }
@@ -307,16 +273,9 @@ void Monitor::write_outputs() {
 
 /// What the next step needs of this one.
 void Monitor::remember() {
-  const auto keep = [](PosePorts& pose) {
-    std::ranges::copy(pose.p, pose.before.begin());
-    std::ranges::copy(pose.quat, pose.before.begin() + 3);
-  };
-  for (const auto& robot : robots_) {
-    std::ranges::copy(robot->q, robot->q_before.begin());
-    keep(robot->base);
-  }
+  for (const auto& robot : robots_) robot->remember();
   for (const auto& body : bodies_)
-    if (body->lost[0] == 0) keep(body->pose);
+    if (body->lost[0] == 0) body->pose.remember();
 }
 
 /// Brings what does not move to its parameters, and forgets which pairs were the nearest.
@@ -337,11 +296,7 @@ void Monitor::place_static() {
 void Monitor::initialise(Time start) {
   place_static();
   for (std::size_t k = 0; k < given_.scene.bodies.size(); ++k) {
-    const Pose& X = given_.scene.bodies[k].X_WB;
-    Values& before = bodies_[k]->pose.before;
-    std::copy_n(X.p.data(), 3, before.begin());
-    const Eigen::Quaterniond Q(X.R);
-    std::ranges::copy(std::array{Q.w(), Q.x(), Q.y(), Q.z()}, before.begin() + 3);
+    bodies_[k]->pose.set_before(given_.scene.bodies[k].X_WB);
     bodies_[k]->lost = {};
   }
   event_body_ = 0;

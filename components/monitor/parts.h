@@ -1,6 +1,4 @@
 #pragma once
-#include <Eigen/Geometry>
-#include <algorithm>
 #include <array>
 #include <memory>
 #include <optional>
@@ -8,15 +6,14 @@
 #include <vector>
 
 #include "components/monitor/separation.h"
+#include "components/unit/surroundings/surroundings.h"
 #include "models/collision/body.h"
-#include "models/foundation/support/text.h"
-#include "models/robot/start.h"
-#include "models/scene/cell.h"
 
 /// Robots and bodies of the unit, with their variables.
 namespace cotwin::monitor {
 
-using Values = std::vector<double>;
+using surroundings::PosePorts;
+using surroundings::Values;
 
 /// In place of +∞, because outputs are finite.
 inline constexpr double kNone = 1e12;
@@ -36,50 +33,20 @@ struct Ports {
   } apart;
 };
 
-/// A pose with its velocity as ports.
-struct PosePorts {
-  Values p{0, 0, 0}, quat{1, 0, 0, 0}, v{0, 0, 0}, w{0, 0, 0};
-  Values before = Values(7, 0.0);  // state: p and quat at the last step
-  Pose X_before;
-
-  Pose last() const {
-    return {Eigen::Quaterniond(before[3], before[4], before[5], before[6]).normalized().toRotationMatrix(),
-            {before[0], before[1], before[2]}};
-  }
-};
-
-struct Robot {
+struct Robot : surroundings::Robot {
   explicit Robot(const scene::PlacedRobot& robot)
-      : placed(&robot),
-        prefix(robot.name.empty() ? "" : text::identifier(robot.name) + "."),
-        X_WL(robot.model.bodies.size()),
+      : surroundings::Robot(robot),
         X_WL_at(X_WL),
-        V_WL(X_WL.size()),
         V_WL_at(X_WL.size()),
-        speeds(X_WL.size() + 1) {
-    for (Values* v : {&q, &dq, &q_before, &q_at, &moved, &zeros}) v->assign(static_cast<std::size_t>(robot.model.n()), 0.0);
-    for (std::size_t i = 0; i < q.size(); ++i) q[i] = robot::default_start(robot.model.joints[i]);
-    for (const std::vector<scene::Shape>& shapes : robot.shapes) {
-      for (const scene::Shape& shape : shapes) {
-        if (!shape.tool.empty() && std::ranges::find(tools, shape.tool) == tools.end()) tools.push_back(shape.tool);
-      }
-    }
-    tools_wanted.assign(tools.size(), 0.0);
-    tools_in_force = tools_wanted;
-  }
+        moved(q.size()),
+        q_at(q.size()),
+        zeros(q.size()),
+        speeds(X_WL.size() + 1) {}
 
-  const scene::PlacedRobot* placed;
-  std::string prefix;
-  std::size_t first = 0;  // part of its base
-  Values q, dq, q_before, moved;
-  PosePorts base;
-  Pose X_WB;
-  std::vector<Pose> X_WL, X_WL_at;
-  std::vector<Twist> V_WL, V_WL_at;
-  Values q_at, zeros;
+  std::vector<Pose> X_WL_at;
+  std::vector<Twist> V_WL_at;
+  Values moved, q_at, zeros;
   double at = -1;  // share of the step to which X_WL_at belongs
-  std::vector<std::string> tools;
-  Values tools_wanted, tools_in_force;
   Ports ports;
   std::unique_ptr<Separation> separation;
   /// A pair with a body from which the robot keeps its distance.
@@ -93,9 +60,9 @@ struct Robot {
 };
 
 /// A body of the scene.
-struct Body {
-  std::string prefix;
-  PosePorts pose;
+struct Body : surroundings::Body {
+  using surroundings::Body::Body;
+
   bool comes = false;                       // an obstacle
   bool kept = false;                        // robots keep their distance from it, and stop where it is lost
   bool was_lost = false;                    // in the last step

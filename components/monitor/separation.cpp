@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "components/monitor/monitor.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::monitor {
 

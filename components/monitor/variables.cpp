@@ -4,6 +4,8 @@
 
 namespace cotwin::monitor {
 
+using surroundings::Velocity;
+
 void Monitor::declare_settings(SettingList& s) {
   s.set_first_variables({"q", "dq", "distance", "least_distance", "p_a", "p_b", "normal", "pair", "time_to_contact", "r"});
   s.cell({"hulls", "all"});
@@ -79,38 +81,16 @@ void Monitor::declare(Variables& v) {
     v.tunable(x + "scale", body.scale, "1", "size of " + of + ", about its origin, as a multiple of that in the scene")
         .range(kLeastScale, kMostScale);
   };
-  // `kept`: of a body from which robots keep their distance, which may be lost.
-  const auto declare_pose = [&v](const std::string& x, PosePorts& pose, const std::string& of, bool moves, bool kept = false) {
-    if (!moves) {
-      v.parameter(x + "p0", pose.p, "m", "position " + of + " in W");
-      v.parameter(x + "quat0", pose.quat, "1", "orientation " + of + " in W, unit quaternion (w, x, y, z)");
-      return;
-    }
-    auto p = v.input(x + "p", pose.p, "m", "position " + of + " in W");
-    auto quat = v.input(x + "quat", pose.quat, "1", "orientation " + of + " in W, unit quaternion (w, x, y, z)");
-    auto velocity = v.input(x + "v", pose.v, "m/s", "velocity of its origin in W");
-    auto w = v.input(x + "w", pose.w, "rad/s", "its angular velocity in W");
-    p.essential();
-    if (!kept) return;
-    velocity.essential();
-    for (auto* input : {&p, &quat, &velocity, &w}) input->may_be_lost();
-  };
   for (const auto& robot : robots_) {
     Robot& r = *robot;
     const JointMeasures measures(&r.placed->model);
     JointVariables joints(v, measures);
-    const std::string of = r.placed->name.empty() ? "of the robot" : "of robot " + r.placed->name;
-    joints.input(r.prefix + "q", r.q, "rad", "joint position " + of + " at the step's end").essential();
+    joints.input(r.prefix + "q", r.q, "rad", "joint position " + r.of + " at the step's end").essential();
     joints.input(r.prefix + "dq", r.dq, "rad/s", "joint velocity at the step's end, for distance_rate");
-    declare_pose(r.prefix + "base_", r.base, "of its base", floating_);
-    if (!r.prefix.empty()) declare_ports(v, r.ports, r.prefix, of);
-    for (std::size_t k = 0; k < r.tools.size(); ++k) {
-      v.tunable(r.prefix + "tool." + text::identifier(r.tools[k]), r.tools_wanted[k], "1",
-                "1 while the shapes of tool " + r.tools[k] + " are there, else 0")
-          .range(0, 1);
-    }
-    joints.state(r.prefix + "q_before", r.q_before, "rad", "q at the last step");
-    if (floating_) v.state(r.prefix + "base_before", r.base.before, "1", "pose of the base at the last step");
+    declare_pose(v, r.base_prefix, r.base, "of its base", floating_, Velocity::kUsed);
+    if (!r.prefix.empty()) declare_ports(v, r.ports, r.prefix, r.of);
+    declare_tools(v, r);
+    declare_before(v, r, floating_);
   }
   for (std::size_t k = 0; k < bodies_.size(); ++k) {
     Body& body = *bodies_[k];
@@ -119,7 +99,8 @@ void Monitor::declare(Variables& v) {
       declare_obstacle(body.prefix, body, "body " + part.name);
       continue;
     }
-    declare_pose(body.prefix, body.pose, k == cloud_ ? "of the point cloud" : "of body " + part.name, part.moves, body.kept);
+    declare_pose(v, body.prefix, body.pose, k == cloud_ ? "of the point cloud" : "of body " + part.name, part.moves,
+                 Velocity::kUsed, body.kept);
     if (k == cloud_) {
       v.tunable(
            "cloud.r", cloud_r_, "m",

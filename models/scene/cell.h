@@ -1,5 +1,6 @@
 #pragma once
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "models/robot/robot_model.h"
@@ -19,5 +20,15 @@ struct Cell {
   Scene scene;
   std::vector<PlacedRobot> robots;
 };
+
+/// A frame on a body of a robot or of the scene.
+struct PlacedFrame {
+  int robot = -1;  // index; −1: of the scene
+  int body = -1;   // of the robot (−1: its base) or of the scene (−1: the world)
+  Pose X_BF;
+};
+
+/// The frame ROBOT/FRAME, FRAME of the only robot, BODY, or BODY/FRAME (MODEL/FRAME) of the scene. Throws Error at `where` with what there is.
+PlacedFrame find_frame(const Cell& cell, std::string_view name, const std::string& where);
 
 }  // namespace cotwin::scene
