@@ -8,6 +8,7 @@
 
 #include "models/cloud/tree.h"
 #include "models/collision/nearest.h"
+#include "models/collision/ray.h"
 #include "models/mechanics/pose.h"
 #include "models/scene/scene.h"
 
@@ -43,6 +44,9 @@ class Body {
   bool open() const { return open_; }
   /// Whether a point in the frame of the body is inside a closed mesh. Allocates nothing.
   bool contains(const Eigen::Vector3d& p) const;
+  /// The distance along a ray, in the frame of the body, to the first point of a shape that is present, if it is at most `most`, otherwise infinity; 0
+  /// from inside a shape or a closed mesh. Nothing of a cloud. Allocates nothing.
+  double first_along(const Ray& ray, double most = scene::kInfinity) const;
   /// The shapes of tools are absent at first. Piece k is shape k.
   void set_present(std::size_t piece, bool present) { present_[piece] = present ? 1 : 0; }
 
@@ -63,7 +67,7 @@ class Body {
   enum class Closed : std::uint8_t { kNo, kOriented, kEven };
   std::int32_t build(std::span<std::uint32_t> pieces);
   void find_meshes(std::span<const scene::Shape> shapes);
-  void cross(const Eigen::Vector3d& p, const Eigen::Vector3d& d, std::int32_t node, Crossings& crossings) const;
+  void count_crossings(const Ray& ray, std::int32_t node, Crossings& crossings) const;
 
   std::vector<Convex> pieces_;
   std::vector<Convex> prisms_;          // of triangles of closed meshes, by piece; empty without

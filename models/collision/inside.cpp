@@ -64,29 +64,24 @@ void Body::find_meshes(std::span<const scene::Shape> shapes) {
   }
 }
 
-/// Counts the triangles below a node that the ray from p along d crosses [Möller, Trumbore 1997].
-void Body::cross(const Vector3d& p, const Vector3d& d, std::int32_t at, Crossings& crossings) const {
+/// Counts the triangles below a node that the ray crosses.
+void Body::count_crossings(const Ray& ray, std::int32_t at, Crossings& crossings) const {
   const Node& node = nodes_[static_cast<std::size_t>(at)];
-  const Vector3d one = (node.middle - node.half - p).cwiseQuotient(d), other = (node.middle + node.half - p).cwiseQuotient(d);
+  const Vector3d one = (node.middle - node.half - ray.p).cwiseQuotient(ray.d);
+  const Vector3d other = (node.middle + node.half - ray.p).cwiseQuotient(ray.d);
   if (std::max(one.cwiseMin(other).maxCoeff(), 0.0) > one.cwiseMax(other).minCoeff()) return;
   if (node.left >= 0) {
-    cross(p, d, node.left, crossings);
-    cross(p, d, node.right, crossings);
+    count_crossings(ray, node.left, crossings);
+    count_crossings(ray, node.right, crossings);
     return;
   }
   const Closed closed = closed_[node.piece];
-  if (closed == Closed::kNo) return;
-  const Convex& c = pieces_[node.piece];
-  const std::vector<Vector3d>& corners = c.polytope.vertices;
-  const Vector3d u = corners[1] - corners[0], v = corners[2] - corners[0];
-  const Vector3d d_C = c.X_BC.R.transpose() * d, from = c.X_BC.R.transpose() * (p - c.X_BC.p) - corners[0];
-  const Vector3d across = d_C.cross(v), up = from.cross(u);
-  const double det = u.dot(across), a = from.dot(across) / det, b = d_C.dot(up) / det, t = v.dot(up) / det;
+  if (closed == Closed::kNo || present_[node.piece] == 0) return;
+  const Crossing crossing = cross(ray, pieces_[node.piece]);
   constexpr double kEdge = 1e-9;  // of the triangle: nearer to an edge another ray is cast
-  const double within = std::min({a, b, 1 - a - b});
-  if (within < -kEdge || t < 0) return;
-  crossings.certain = crossings.certain && within > kEdge;
-  (closed == Closed::kOriented ? crossings.around : crossings.all) += det < 0 ? 1 : -1;
+  if (!(crossing.within >= -kEdge && crossing.t >= 0)) return;
+  crossings.certain = crossings.certain && crossing.within > kEdge;
+  (closed == Closed::kOriented ? crossings.around : crossings.all) += crossing.front ? 1 : -1;
 }
 
 bool Body::contains(const Vector3d& p) const {
@@ -98,7 +93,7 @@ bool Body::contains(const Vector3d& p) const {
   Crossings crossings;
   for (const Vector3d& direction : kDirections) {
     crossings = {};
-    cross(p, direction.cwiseProduct(side), static_cast<std::int32_t>(nodes_.size()) - 1, crossings);
+    count_crossings({p, direction.cwiseProduct(side)}, root(), crossings);
     if (crossings.certain) break;
   }
   return crossings.around != 0 || crossings.all % 2 != 0;

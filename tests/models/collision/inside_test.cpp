@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <functional>
 #include <numbers>
 #include <random>
 #include <string>
@@ -13,6 +12,7 @@
 
 #include "models/collision/body.h"
 #include "models/scene/mesh.h"
+#include "tests/models/collision/meshes.h"
 #include "tests/support/allocations.h"
 
 namespace cotwin::collision::inside_test {
@@ -60,47 +60,6 @@ double from_surface(const Mesh& mesh, const Vector3d& p) {
   return least;
 }
 
-/// A grid of quadrilaterals, two triangles each, closed in both directions or (rows) with a pole at each end.
-Mesh grid(int rows, int columns, bool poles, const std::function<Vector3d(double, double)>& point) {
-  Mesh mesh;
-  const int rings = poles ? rows - 1 : rows;
-  for (int i = 0; i < rings; ++i)
-    for (int k = 0; k < columns; ++k)
-      mesh.vertices.push_back(point((i + (poles ? 1.0 : 0.0)) / rows, static_cast<double>(k) / columns));
-  const auto at = [&](int i, int k) { return static_cast<std::uint32_t>(i % rings * columns + k % columns); };
-  for (int i = 0; i < (poles ? rings - 1 : rings); ++i)
-    for (int k = 0; k < columns; ++k) {
-      mesh.triangles.push_back({at(i, k), at(i + 1, k), at(i + 1, k + 1)});
-      mesh.triangles.push_back({at(i, k), at(i + 1, k + 1), at(i, k + 1)});
-    }
-  if (!poles) return mesh;
-  for (const double end : {0.0, 1.0}) {
-    const auto pole = static_cast<std::uint32_t>(mesh.vertices.size());
-    mesh.vertices.push_back(point(end, 0));
-    for (int k = 0; k < columns; ++k) {
-      if (end == 0) mesh.triangles.push_back({pole, at(0, k), at(0, k + 1)});
-      if (end == 1) mesh.triangles.push_back({pole, at(rings - 1, k + 1), at(rings - 1, k)});
-    }
-  }
-  return mesh;
-}
-
-Mesh torus(int rows, int columns) {
-  return grid(rows, columns, false, [](double u, double v) {
-    const double a = -2 * std::numbers::pi * u, b = 2 * std::numbers::pi * v, r = 0.6 + 0.2 * std::cos(b);
-    return Vector3d(r * std::cos(a), r * std::sin(a), 0.2 * std::sin(b));
-  });
-}
-
-/// A ball with bumps, whose poles are above each other.
-Mesh bumps(int rows, int columns, double size, double height) {
-  return grid(rows, columns, true, [=](double u, double v) {
-    const double a = std::numbers::pi * u, b = 2 * std::numbers::pi * v;
-    const double r = size * (1 + height * std::sin(5 * a) * std::cos(4 * b));
-    return Vector3d(r * std::sin(a) * std::cos(b), r * std::sin(a) * std::sin(b), r * std::cos(a));
-  });
-}
-
 void add(Mesh& mesh, const Mesh& other, bool turned) {
   const auto first = static_cast<std::uint32_t>(mesh.vertices.size());
   mesh.vertices.insert(mesh.vertices.end(), other.vertices.begin(), other.vertices.end());
@@ -124,10 +83,6 @@ Mesh dented() {
     mesh.triangles.push_back({k, next + 4, k + 4});
   }
   return mesh;
-}
-
-std::vector<Shape> shapes_of(const Mesh& mesh) {
-  return scene::triangle_shapes(mesh, std::vector<double>(mesh.triangles.size(), 0.2));
 }
 
 Shape shape(ShapeType type, const Vector3d& size, const Vector3d& p = Vector3d::Zero()) {
