@@ -39,7 +39,7 @@ std::string shortened(const std::string& name) {
   return name.substr(0, kHalf - 1) + "…" + name.substr(name.size() - kHalf);
 }
 
-/// A table with a column per element and a last column for all; wide vectors take several blocks.
+/// A table with a column per element and a last column for all; wide vectors take several blocks, very wide ones have that column alone.
 class ElementTable {
  public:
   ElementTable(const ElementKind& kind, const Elements& elements) : elements_(kind.elements.size()) {
@@ -53,7 +53,8 @@ class ElementTable {
     rows_.push_back({std::move(label), std::move(values), all});
   }
   void print(std::ostream& out) const {
-    for (std::size_t begin = 0, end = 0; begin < elements_; begin = end) {
+    std::size_t begin = elements_ > kMostElements ? elements_ : 0, end = begin;
+    for (bool first = true; first || begin < elements_; first = false, begin = end) {
       for (std::size_t used = 0; end < elements_ && (end == begin || used + cells_[end] <= kWidth); ++end) used += cells_[end];
       const bool last = end == elements_;
       if (has_heads_) {
@@ -70,6 +71,7 @@ class ElementTable {
   }
 
  private:
+  static constexpr std::size_t kMostElements = 48;  // beyond, as of beams of a scanner, nobody reads them here
   struct Row {
     std::string label;
     std::vector<double> values;

@@ -34,7 +34,7 @@ struct Node {
   std::string robot;              // "left"; "" for a single robot
   std::size_t model = 0;
   bool in_world = false;
-  bool placed = false;  // a robot of a monitor, or one that floats
+  bool placed = false;  // a robot of a monitor or scanner, or one that floats
 };
 
 bool without_element(std::string_view variable, std::string_view name) {
@@ -65,6 +65,10 @@ class Builder {
 
  private:
   void take(const ComponentSpec& component);
+  /// Whether it is a unit:monitor or unit:scanner, which move nothing.
+  bool only_watches(const ComponentSpec& component) const {
+    return has_setting(component.source, "ignore", types_) || has_setting(component.source, "beams", types_);
+  }
   void add_cell(const ComponentSpec& component, Settings& settings);
   std::size_t add_model(robot::RobotModel model, const fs::path& urdf);
   /// The node that has the variable, or nodes_.size().
@@ -102,7 +106,7 @@ std::size_t Builder::add_model(robot::RobotModel model, const fs::path& urdf) {
 
 void Builder::add_cell(const ComponentSpec& component, Settings& settings) {
   const scene::Cell cell = settings.cell();
-  const bool watches = has_setting(component.source, "ignore", types_);  // unit:monitor
+  const bool monitors = has_setting(component.source, "ignore", types_), watches = only_watches(component);
   if (!watches) stage_.worlds.push_back(component.name);
   const std::vector<fs::path> files = settings.robot_files();
   for (std::size_t i = 0; i < cell.robots.size(); ++i) {
@@ -110,14 +114,15 @@ void Builder::add_cell(const ComponentSpec& component, Settings& settings) {
     const std::string prefix = component.name + "." + (placed.name.empty() ? "" : placed.name + ".");
     nodes_.push_back({component.name, prefix, placed.name, add_model(placed.model, i < files.size() ? files[i] : fs::path()),
                       !watches, watches});
-    if (watches) stage_.monitors.push_back(prefix);
+    if (monitors) stage_.monitors.push_back(prefix);
   }
-  if (const std::string cloud = watches ? settings.text("cloud") : ""; !cloud.empty()) {
+  if (watches && !monitors) stage_.scanners.push_back(component.name + ".");
+  if (const std::string cloud = monitors ? settings.text("cloud") : ""; !cloud.empty()) {
     stage_.clouds.push_back({component.name, settings.file(cloud), {}});
     read_pose(component.name, "cloud.", "0", stage_.clouds.back().X_WC);
   }
   std::vector<std::string> obstacles;
-  const std::string list = watches ? settings.text("obstacles") : "";
+  const std::string list = monitors ? settings.text("obstacles") : "";
   for (const std::string_view name : text::split(list, ',')) obstacles.emplace_back(text::trim(name));
   for (const scene::Body& body : cell.scene.bodies) {
     const std::string id = text::identifier(body.name);
@@ -125,7 +130,7 @@ void Builder::add_cell(const ComponentSpec& component, Settings& settings) {
         std::ranges::find_if(stage_.bodies, [&](const StagedBody& other) { return other.body.name == body.name; });
     StagedBody made{body, component.name + "." + id};
     made.comes = std::ranges::find(obstacles, body.name) != obstacles.end();
-    // A monitor watches bodies of others; its obstacles are where it has them.
+    // Monitors and scanners watch bodies of others; obstacles are where their monitor has them.
     if (known != stage_.bodies.end() && ((watches && !made.comes) || known->comes)) continue;
     read_pose(component.name, id + ".", made.comes ? "" : "0", made.body.X_WB);
     if (made.comes) {
@@ -398,12 +403,11 @@ void spread(Scenery& stage) {
 }
 
 Scenery Builder::build() {
-  // Monitors come last: their scene may be that of a contact world.
+  // Monitors and scanners come last: their scene may be that of a contact world.
   std::vector<const ComponentSpec*> components;
   for (const ComponentSpec& component : scenario_.components) components.push_back(&component);
-  std::stable_partition(components.begin(), components.end(), [&](const ComponentSpec* component) {
-    return !is_unit(*component) || !has_setting(component->source, "ignore", types_);
-  });
+  std::stable_partition(components.begin(), components.end(),
+                        [&](const ComponentSpec* component) { return !is_unit(*component) || !only_watches(*component); });
   for (const ComponentSpec* component : components) {
     try {
       take(*component);

@@ -59,7 +59,7 @@ struct StagedRobot {
   std::vector<StagedTrack> tracks;      // the main one first
   std::vector<StagedTool> tools;        // in the order of their events
   StagedBase base;
-  bool in_world = false;   // its base has a place: in a contact world, beside a monitor, or floating
+  bool in_world = false;   // its base has a place: in a contact world, before a monitor or scanner, or floating
   std::vector<double> q0;  // n
 };
 
@@ -85,6 +85,7 @@ struct Scenery {
   std::vector<std::string> worlds;    // components with a contact world
   std::set<std::string> ghosts;       // those of which all robots are ghosts of others
   std::vector<std::string> monitors;  // prefixes of the distances of monitors: "monitor.left."
+  std::vector<std::string> scanners;  // prefixes of profiles: "scanner."
   std::vector<std::string> remarks;
 };
 

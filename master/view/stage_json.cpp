@@ -45,6 +45,7 @@ class Writer {
  private:
   Json robot_json(const StagedModel& staged);
   Json distances_json() const;
+  Json profiles_json() const;
   Json tool_json(const StagedTool& tool);
   Json figure_json(const StagedRobot& robot, std::size_t index);
   bool floats(const StagedRobot& robot) const;
@@ -364,6 +365,22 @@ Json Writer::distances_json() const {
   return distances;
 }
 
+Json Writer::profiles_json() const {
+  Json profiles = Json::array();
+  for (const std::string& prefix : stage_.scanners) {
+    const RecordedSignal* ranges = recorded_.find(prefix + "ranges");
+    if (ranges == nullptr || !is_recorded(prefix + "p_scan", 3) || !is_recorded(prefix + "quat_scan", 4) ||
+        !is_recorded(prefix + "angle_increment", 1))
+      continue;
+    profiles.push_back({{"name", prefix.substr(0, prefix.size() - 1)},
+                        {"ranges", ranges->name},
+                        {"p", prefix + "p_scan"},
+                        {"quat", prefix + "quat_scan"},
+                        {"increment", prefix + "angle_increment"}});
+  }
+  return profiles;
+}
+
 Json Writer::energy_json() const {
   struct Term {
     const char *variable, *kind, *label;
@@ -457,6 +474,12 @@ Json Writer::write() {
   json["distances_lack"] = !json["distances"].empty() ? ""
                            : any.empty()              ? "the scenario has no unit:monitor"
                                                       : "record " + any + "p_a, " + any + "p_b and " + any + "distance";
+  json["profiles"] = profiles_json();
+  const std::string scanner = stage_.scanners.empty() ? "" : stage_.scanners.front();
+  json["profiles_lack"] = !json["profiles"].empty() ? ""
+                          : scanner.empty()         ? "the scenario has no unit:scanner"
+                                                    : "record " + scanner + "ranges, " + scanner + "p_scan, " + scanner +
+                                                  "quat_scan and " + scanner + "angle_increment";
   json["energy"] = energy_json();
   json["energy_lacks"] =
       "record the energies of a drive train, for example drive.energy_* and drive.work_*, or of a unit energy";

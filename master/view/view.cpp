@@ -249,10 +249,13 @@ std::vector<std::string> first_plots(const Scenario* scenario, const Recorded& r
     for (const ComparisonSpec& comparison : scenario->comparisons) names.push_back(comparison.a);
     for (const ReportSpec& report : scenario->reports) names.push_back(report.a);
   }
+  constexpr std::size_t kMostLines = 24;  // beams of a scanner are hundreds, which is no plot to begin with
   for (const RecordedSignal& signal : recorded.signals) {
-    if (signal.count > 1) names.push_back(signal.name);
+    if (signal.count > 1 && signal.count <= kMostLines) names.push_back(signal.name);
   }
-  for (const RecordedSignal& signal : recorded.signals) names.push_back(signal.name);
+  for (const RecordedSignal& signal : recorded.signals) {
+    if (signal.count <= kMostLines) names.push_back(signal.name);
+  }
   return names;
 }
 

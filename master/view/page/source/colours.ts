@@ -28,6 +28,7 @@ export const kCues = {
   contact: kPalette.vermilion,
   hand: kPalette.orange,
   distance: kPalette.blue,
+  profile: kPalette.vermilion,
 } as const;
 
 /// Of what a monitor asks a robot for: nothing, to slow down, to stop.

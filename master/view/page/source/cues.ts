@@ -8,6 +8,7 @@ import type { PageData } from './format';
 import { reach_of } from './kinematics';
 import type { Matrices } from './matrices';
 import { matte } from './materials';
+import { Profiles } from './profiles';
 import { between, type Place, type Recording } from './recording';
 import { mass_along, principal_of, principal_of_product } from './symmetric';
 
@@ -617,6 +618,7 @@ export function cues_of(s: Scenery, size: number): Cue[] {
     new Forces(s, 'contacts', 'contact forces', 'c', kCues.contact, all.length > 0 ? '' : s.data.contacts_lack, all, size),
     new Forces(s, 'hand', 'forces of hands', 'h', kCues.hand, s.data.forces.length > 0 ? '' : 'record f and p of a unit operator_hand, for example hand.f and hand.p', s.data.forces, size),
     new Distances(s, size),
+    new Profiles(s, size),
     new Limits(s),
     new Energy(s),
   ];

@@ -202,6 +202,15 @@ export interface Measured {
   apart?: { p_a: string; p_b: string; S_p: string; zone: string };
 }
 
+/// The last profile of a scanner: ranges (m, 0: nothing) of beams that are an angle apart (rad), in the plane of x and z on both sides of z alike.
+export interface Profile {
+  name: string;
+  ranges: string;
+  p: string;
+  quat: string;
+  increment: string;
+}
+
 /// The zone of a robot: 0 clear, 1 slow, 2 stop.
 export interface Light {
   name: string;
@@ -244,6 +253,9 @@ export interface PageData {
   forces: Force[];
   distances: Measured[];
   distances_lack: string;
+  /// Absent in pages of earlier versions.
+  profiles?: Profile[];
+  profiles_lack?: string;
   lights: Light[];
   energy: EnergyTerm[];
   energy_lacks: string;

@@ -96,7 +96,7 @@ export class Recording {
 }
 
 /// Signals whose values hold until the next row.
-const kHeld = /\.(contact_p|contact_f|closed|zone|present|scale)$/;
+const kHeld = /\.(contact_p|contact_f|closed|zone|present|scale|ranges|p_scan|quat_scan)$/;
 
 /// A recording with the signals that only another one has, at its own times.
 export class Joined extends Recording {
