@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <numbers>
 
 #include "master/results/results.h"
 #include "master/scenery/recorded.h"
@@ -179,8 +180,32 @@ TEST_F(Page, ShowsAScannedCell) {
   json box = json::array();
   for (const Eigen::Vector3d& corner : {low, high})
     for (Eigen::Index i = 0; i < 3; ++i) box.push_back(corner[i] + Eigen::Vector3d(0, 0.1, 0.2)[i]);
+  // Another one is scanned: the points of the last profile, none before the first.
+  const RunResult scan = cotwin({"run", (root_ / "examples/30_scan_the_cell/profile.ssd").string(), "--stop", "0.7", "--out",
+                                 "scan", "--quiet", "--set", "scanner.mount_quat=0.6 0 0 0.8"});
+  ASSERT_EQ(scan.code, 0) << scan.err;
+  ASSERT_EQ(cotwin({"view", "scan"}).code, 0);
+  const Recorded profile = load_recorded(folder_ / "scan/signals.csv");
+  const std::size_t end = profile.time.size() - 1;
+  const Eigen::VectorXd ranges = values_of(profile, "scanner.ranges", end), quat = values_of(profile, "scanner.quat_scan", end);
+  json points_of_profile = json::array();
+  for (Eigen::Index i = 0; i < ranges.size(); ++i) {
+    if (ranges[i] == 0) continue;
+    const double angle = static_cast<double>(i - 60) * std::numbers::pi / 180;
+    const Eigen::Vector3d in_S = ranges[i] * Eigen::Vector3d(std::sin(angle), 0, std::cos(angle));
+    const Eigen::Vector3d p =
+        values_of(profile, "scanner.p_scan", end) + Eigen::Quaterniond(quat[0], quat[1], quat[2], quat[3]) * in_S;
+    for (const double x : p) points_of_profile.push_back(x);
+  }
+  ASSERT_GT(points_of_profile.size(), 100u);
+  const json scanned = {{"file", page("scan/view.html")},
+                        {"seeks", json::array({{{"t", 0.7}}})},
+                        {"cues", json::array({"profiles"})},
+                        {"profile", points_of_profile},
+                        {"words", {std::to_string(points_of_profile.size() / 3) + " of 121 beams came back"}}};
   check(json::array(
-      {{{"file", page("scanned/view.html")},
+      {scanned,
+       {{"file", page("scanned/view.html")},
         {"seeks", json::array({{{"t", 0.1}}})},
         {"cues", json::array({"distances"})},
         {"cloud", {{"box", box}, {"near", list_of(values_of(recorded, "monitor.p_b", recorded.time.size() - 1))}}}}}));

@@ -414,6 +414,41 @@ TEST(Scenery, ShowsWhatAMonitorWatches) {
   EXPECT_EQ(lacking.at("distances_lack"), "record monitor.left.p_a, monitor.left.p_b and monitor.left.distance");
 }
 
+// A scanner moves nothing: its robot is where the scenario has it, its bodies are those of others.
+TEST(Scenery, HasTheProfilesOfScanners) {
+  const fs::path root = places::source();
+  const Scenario scenario = load_scenario(root / "examples/30_scan_the_cell/profile.ssd");
+  const std::vector<fs::path> folders = {scenario.folder, root / "models"};
+  const auto page_of = [&](const Recorded& recorded, Scenery& stage) {
+    stage = scenery_of(scenario, recorded, unit_types(), folders);
+    CalculatedTable calculated;
+    Packer packer;
+    std::vector<std::string> remarks;
+    return stage_json({stage, recorded, &scenario, unit_types(), folders}, {}, calculated, packer, remarks);
+  };
+  Scenery stage;
+  const auto page = page_of(recording_of({{"motion.q_d", 6},
+                                          {"scanner.ranges", 121},
+                                          {"scanner.p_scan", 3},
+                                          {"scanner.quat_scan", 4},
+                                          {"scanner.angle_increment", 1}}),
+                            stage);
+  EXPECT_THAT(stage.remarks, IsEmpty());
+  EXPECT_THAT(stage.worlds, IsEmpty());
+  EXPECT_THAT(stage.monitors, IsEmpty());
+  ASSERT_EQ(stage.robots.size(), 1u);
+  EXPECT_THAT(words_of(stage.robots[0]), ElementsAre("main motion.q_d"));
+  EXPECT_EQ(stage.robots[0].base.X_WB.p, Eigen::Vector3d(0, 0, 0.6));
+  EXPECT_EQ(stage.bodies.size(), 4u);
+  ASSERT_EQ(page.at("profiles").size(), 1u);
+  EXPECT_EQ(page.at("profiles")[0].at("name"), "scanner");
+  EXPECT_EQ(page.at("profiles_lack"), "");
+  EXPECT_EQ(page.at("distances_lack"), "the scenario has no unit:monitor");
+  const auto lacking = page_of(recording_of({{"motion.q_d", 6}, {"scanner.ranges", 121}}), stage);
+  EXPECT_EQ(lacking.at("profiles_lack"),
+            "record scanner.ranges, scanner.p_scan, scanner.quat_scan and scanner.angle_increment");
+}
+
 // Each point within half a step of 16 bits, in the frame of the cloud; more than 300 000 as the means of cubes.
 TEST(Scenery, ShowsThePointsOfAMonitorsCloud) {
   const fs::path root = places::source();

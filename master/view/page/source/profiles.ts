@@ -28,6 +28,7 @@ export class Profiles implements Cue {
     this.lacks = s.data.profiles_lack ?? 'the page was made by an earlier version';
     this.needs = this.profiles.flatMap(({ ranges, p, quat, increment }) => [ranges, p, quat, increment]);
     this.points = new three.Points(new three.BufferGeometry(), new three.PointsMaterial({ color: kCues.profile, size: 0.02 * size }));
+    this.points.name = this.id;
     this.beams.frustumCulled = this.points.frustumCulled = false;
     this.group.add(this.beams, this.points);
   }

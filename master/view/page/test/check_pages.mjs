@@ -1,7 +1,7 @@
 // check_pages.mjs CHROMIUM PLAN.json [FOLDER]: opens pages in Chromium and compares them with what a plan expects. Writes one line per failure and
 // ends with 1 if there is one. FOLDER: for screenshots. The plan is a list of
 //   { file, size?, dark?, title?, figures?, seeks?: [{ t, figures?: [{ bodies, tip }], bodies?: { name: matrix }, tools?: { name on robot 0: matrix, or null for hidden }, plots?: { name: values }, lights?: { name: zone } }],
-//     cues?: [ids that have data], lacking?: [ids], remarks?: [texts], words?: [texts, with these cues on], colours?: least number in the 3D view, keys?: true, themes?: true, zoom?: name of a plot, frames? }
+//     profile?: [coordinates of all points of profiles, with the last one of seeks], cues?: [ids that have data], lacking?: [ids], remarks?: [texts], words?: [texts, with these cues on], colours?: least number in the 3D view, keys?: true, themes?: true, zoom?: name of a plot, frames? }
 import { readFileSync, writeFileSync } from 'node:fs';
 import { join } from 'node:path';
 import { pathToFileURL } from 'node:url';
@@ -179,6 +179,10 @@ for (const [index, page] of plan.entries()) {
     check(view.colours >= (page.colours ?? 20) && view.background < 0.995 * view.pixels, `the 3D view is empty: ${JSON.stringify(view)}`);
     if (page.cues !== undefined || page.lacking !== undefined) await switch_cues(browser, page);
     if (page.cloud !== undefined) await look_at_cloud(browser, page.cloud);
+    if (page.profile !== undefined) {
+      const points = await browser.evaluate("[...cotwin.stage.scene.getObjectByName('profiles').geometry.attributes.position.array]");
+      check(points.length === page.profile.length && points.every((x, i) => Math.abs(x - page.profile[i]) < 1e-5), `the profile has ${points.length / 3} points, the first one at ${points.slice(0, 3)}, expected ${page.profile.length / 3}, at ${page.profile.slice(0, 3)}`);
+    }
     const words = await browser.evaluate('document.body.textContent');
     for (const text of page.words ?? []) check(words.includes(text), `the page does not say '${text}'`);
     if (page.keys) await press_keys(browser);
