@@ -162,7 +162,8 @@ void Scanner::find_targets(const Pose& X_WS) {
     const Vector3d middle = part.middle - X_WS.p;
     const double radius = part.body.radius(), least = std::max(middle.norm() - radius, 0.0);
     if (least > range_max_ || std::abs(X_WS.R.col(1).dot(middle)) > radius) continue;
-    targets_.push_back({k, least, middle, part.X_W.R.transpose() * (X_WS.p - part.X_W.p)});
+    const Vector3d p_B = part.X_W.R.transpose() * (X_WS.p - part.X_W.p);
+    targets_.push_back({k, least, middle, p_B, part.body.contains(p_B)});
   }
   std::ranges::sort(targets_, {}, &Target::least);
 }
@@ -175,7 +176,7 @@ double Scanner::first_along(const Vector3d& d, std::size_t& part) const {
     const collision::Part& candidate = cell_.parts[target.part];
     const double radius = candidate.body.radius(), ahead = d.dot(target.middle);
     if (target.least > 0 && (ahead < 0 || (target.middle - ahead * d).norm() > radius)) continue;
-    const double t = candidate.body.first_along({target.p_B, candidate.X_W.R.transpose() * d}, most);
+    const double t = target.around ? 0 : candidate.body.first_along({target.p_B, candidate.X_W.R.transpose() * d}, most);
     if (t < best) best = t, part = target.part;
   }
   return best;

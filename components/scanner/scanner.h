@@ -45,6 +45,7 @@ class Scanner final : public Unit {
     std::size_t part;
     double least;                 // no point of it is nearer to the scanner, m
     Eigen::Vector3d middle, p_B;  // of it from the scanner, in W; the scanner in its frame
+    bool around;                  // the scanner is inside a closed mesh of it
   };
 
   void check_inputs(Time now) const;

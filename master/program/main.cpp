@@ -143,6 +143,7 @@ int run(int argc, char** argv) {
   add_fit_energy(app, chosen);
   add_report(app, chosen);
   add_cloud(app, chosen);
+  add_scan(app, chosen);
   add_tool(app, chosen);
   add_search(app, chosen);
   add_farm(app, chosen);

@@ -125,7 +125,8 @@ class Writer {
     const Member& member = members_[m];
     Tag(out_, 3, "ssd:Component")
         .with("name", member.name())
-        .with("type", "application/x-fmu-sharedlibrary")
+        .with("type",
+              components_[m].source.starts_with("unit:") ? "application/x-cotwin-unit" : "application/x-fmu-sharedlibrary")
         .with("source", components_[m].source)
         .with_if(member.spec.implementation != fmu::InterfaceChoice::kAny, "implementation",
                  text::word_of(member.spec.implementation, kImplementationWords))

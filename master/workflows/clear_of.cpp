@@ -13,6 +13,7 @@
 #include "models/foundation/support/text.h"
 #include "models/scene/sdf/sdf.h"
 #include "models/scene/urdf/urdf_shapes.h"
+#include "models/trajectory/waypoints.h"
 
 namespace cotwin::master {
 
@@ -259,6 +260,42 @@ std::vector<fmu::Finding> judge(const Mover& mover, std::vector<Standing>& robot
 }
 
 }  // namespace
+
+LegCheck::LegCheck(const Scenario& scenario, const std::string& motion, const Surroundings& around,
+                   std::span<const UnitType> types) {
+  const std::vector<fs::path> folders = model_folders(scenario.folder);
+  Recorded signals;
+  fmu::FmuStore fmus;
+  const auto spec = std::ranges::find(scenario.components, motion, &ComponentSpec::name);
+  const std::size_t n = load_member(*spec, scenario, types, folders, fmus).variables().at("q_d").size();
+  signals.signals.push_back({motion + ".q_d", "", 0, n});
+  signals.columns.resize(n);
+  const Scenery stage = scenery_of(scenario, signals, types, folders);
+  const std::vector<Mover> movers{{motion, 0, false, {}, {}}};
+  std::vector<Standing> robots = stand(stage, movers, {});
+  const auto own = moved_by(movers.front(), robots);
+  if (own == robots.end()) throw Error(motion, "moves no robot that is known");
+  std::vector<collision::Stand> stands{stand_of(*own, stage, "", notes_)};
+  motions_.emplace_back();
+  for (const Standing& other : robots) {
+    if (&other == &*own || is_twin(*own, other) || other.placed_by.empty()) continue;
+    stands.push_back(stand_of(other, stage, other.name, notes_));
+    motions_.push_back({{}, other.robot->q0});
+    notes_.push_back(other.name + " is taken to rest where it starts");
+  }
+  for (collision::Stand& stand : stands)
+    for (collision::Tool& tool : stand.tools) tool.from = -scene::kInfinity, tool.until = scene::kInfinity;
+  checker_.emplace(around.scene, std::move(stands), collision::Options{0, true, {}}, around.clouds);
+  notes_.insert(notes_.end(), checker_->notes().begin(), checker_->notes().end());
+}
+
+std::string LegCheck::meets(std::span<const double> from, std::span<const double> to) {
+  trajectory::Waypoints leg{from.size(), {0, 1}, {from.begin(), from.end()}, {}, {}};
+  leg.q.insert(leg.q.end(), to.begin(), to.end());
+  motions_.front().path = trajectory::make_path(leg, trajectory::Passing::kRest);
+  const collision::Verdict verdict = checker_->check(motions_, 1);
+  return verdict.clear ? "" : verdict.nearest.link + " meets " + verdict.nearest.other;
+}
 
 std::vector<fmu::Finding> check_clear(const fs::path& file, std::span<const UnitType> types,
                                       const std::vector<std::string>& names, const std::vector<std::string>& bases) {

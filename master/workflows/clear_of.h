@@ -8,6 +8,7 @@
 
 #include "components/unit/unit_table.h"
 #include "fmu/check/check.h"
+#include "master/scenario/scenario.h"
 #include "models/collision/meeting/meeting.h"
 
 /// Whether motions of a scenario meet anything.
@@ -28,6 +29,25 @@ std::pair<std::string, Pose> read_base(const std::string& text, const std::strin
 
 /// Quintics through samples of q, q̇, q̈ (n each, row by row) at times.
 trajectory::Path path_of(std::size_t joints, const std::vector<double>& t, const std::vector<double>& rows);
+
+/// What is nearer than this to the hulls of a robot that was scanned, too, is a point of the robot, m.
+inline constexpr double kOwn = 0.01;
+
+/// Whether the robot that a unit:motion of a scenario moves keeps clear on straight ways between postures, of surroundings and of itself, with the tools
+/// that the scenario mounts at any time. Other robots rest where they start.
+class LegCheck {
+ public:
+  /// Throws Error.
+  LegCheck(const Scenario& scenario, const std::string& motion, const Surroundings& around, std::span<const UnitType> types);
+  const std::vector<std::string>& notes() const { return notes_; }
+  /// "link_5 meets table"; "" for a way that is clear.
+  std::string meets(std::span<const double> from, std::span<const double> to);
+
+ private:
+  std::optional<collision::Checker> checker_;
+  std::vector<collision::Motion> motions_;
+  std::vector<std::string> notes_;
+};
 
 /// What the desired motions of the joints in a scenario come near to: a note for each unit:motion that keeps clear, an error with the leg between
 /// two waypoints for one that does not. `surroundings`: names for surroundings(). Robots carry the tools that events of the scenario mount, and meet the other robots, each in its own motion.

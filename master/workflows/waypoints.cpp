@@ -13,13 +13,13 @@
 
 namespace cotwin::master {
 
-namespace {
-
-namespace fs = std::filesystem;
-
 bool is_unit_of(const ComponentSpec& spec, const char* type) {
   return is_unit(spec) && parse_unit_source(spec.source).unit == type;
 }
+
+namespace {
+
+namespace fs = std::filesystem;
 
 ComponentSpec& motion_of(Scenario& scenario, std::string& points, const std::string& place) {
   const std::size_t equals = points.find('=');

@@ -136,4 +136,11 @@ Cloud sample(const scene::Scene& scene, const Sampling& sampling, std::vector<st
   return make_cloud(points);
 }
 
+double area(const scene::Body& body) {
+  double sum = 0;
+  for (const Shape& shape : body.shapes)
+    for (const Patch& patch : patches_of(shape)) sum += patch.area;
+  return sum;
+}
+
 }  // namespace cotwin::cloud

@@ -18,4 +18,7 @@ struct Sampling {
 /// `left_out`: bodies with planes, which have no end, and heightmaps, whose shapes of these kinds have no points. Throws Error for more than 10⁸ points.
 Cloud sample(const scene::Scene& scene, const Sampling& sampling, std::vector<std::string>& left_out);
 
+/// The area of a body's shapes, m², without planes and heightmaps.
+double area(const scene::Body& body);
+
 }  // namespace cotwin::cloud

@@ -26,6 +26,13 @@ Body::Body(std::span<const scene::Shape> shapes) {
     reach_ = std::max(reach_,
                       piece.core == Core::kPlane ? scene::kInfinity : piece.X_BC.p.norm() + piece.extent.norm() + piece.round);
   }
+  const auto is_flat = [](const Convex& piece) { return piece.polytope.vertices.size() == 3; };
+  if (std::ranges::any_of(pieces_, is_flat))
+    triangles_.assign(pieces_.size(), {Vector3d::Constant(std::nan("")), Vector3d::Zero(), Vector3d::Zero()});
+  for (std::size_t k = 0; k < triangles_.size(); ++k) {
+    const std::vector<Vector3d>& v = pieces_[k].polytope.vertices;
+    if (is_flat(pieces_[k])) triangles_[k] = {pieces_[k].X_BC * v[0], pieces_[k].X_BC * v[1], pieces_[k].X_BC * v[2]};
+  }
   find_meshes(shapes);
   if (!bounded.empty()) {
     const Node& root = nodes_[static_cast<std::size_t>(build(bounded))];
@@ -46,6 +53,8 @@ void Body::set_scaled(const Body& unscaled, double factor) {
     for (Vector3d& v : c.polytope.vertices) v *= factor;
     for (scene::Polytope::Face& face : c.polytope.faces) face.d *= factor;
   }
+  for (Corners& triangle : triangles_)
+    for (Vector3d& corner : triangle) corner *= factor;
   for (Node& node : nodes_) {
     node.middle *= factor;
     node.half *= factor;

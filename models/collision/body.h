@@ -1,5 +1,6 @@
 #pragma once
 #include <Eigen/Core>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -45,7 +46,7 @@ class Body {
   /// Whether a point in the frame of the body is inside a closed mesh. Allocates nothing.
   bool contains(const Eigen::Vector3d& p) const;
   /// The distance along a ray, in the frame of the body, to the first point of a shape that is present, if it is at most `most`, otherwise infinity; 0
-  /// from inside a shape or a closed mesh. Nothing of a cloud. Allocates nothing.
+  /// from inside a convex shape. A mesh is its surface, also from inside (contains()). Nothing of a cloud. Allocates nothing.
   double first_along(const Ray& ray, double most = scene::kInfinity) const;
   /// The shapes of tools are absent at first. Piece k is shape k.
   void set_present(std::size_t piece, bool present) { present_[piece] = present ? 1 : 0; }
@@ -59,6 +60,7 @@ class Body {
     std::uint32_t piece = 0;
   };
   const Node& node(std::int32_t k) const { return nodes_[static_cast<std::size_t>(k)]; }
+  bool is_triangle(std::uint32_t piece) const { return !triangles_.empty() && !std::isnan(triangles_[piece][0].x()); }
   std::int32_t root() const { return static_cast<std::int32_t>(nodes_.size()) - 1; }
   struct Crossings {
     int around = 0, all = 0;
@@ -70,6 +72,7 @@ class Body {
   void count_crossings(const Ray& ray, std::int32_t node, Crossings& crossings) const;
 
   std::vector<Convex> pieces_;
+  std::vector<Corners> triangles_;      // flat ones by piece, near each other for rays, NaN for other pieces; empty without
   std::vector<Convex> prisms_;          // of triangles of closed meshes, by piece; empty without
   std::vector<Closed> closed_;          // by piece
   std::vector<std::uint32_t> groups_;   // by piece: the first one of its mesh, or itself

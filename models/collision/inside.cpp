@@ -77,7 +77,7 @@ void Body::count_crossings(const Ray& ray, std::int32_t at, Crossings& crossings
   }
   const Closed closed = closed_[node.piece];
   if (closed == Closed::kNo || present_[node.piece] == 0) return;
-  const Crossing crossing = cross(ray, pieces_[node.piece]);
+  const Crossing crossing = cross(ray, triangles_[node.piece]);
   constexpr double kEdge = 1e-9;  // of the triangle: nearer to an edge another ray is cast
   if (!(crossing.within >= -kEdge && crossing.t >= 0)) return;
   crossings.certain = crossings.certain && crossing.within > kEdge;

@@ -59,18 +59,27 @@ constexpr double kEdge = 1e-9;
 
 }  // namespace
 
-Crossing cross(const Ray& ray, const Convex& triangle) {
-  const std::vector<Vector3d>& corners = triangle.polytope.vertices;
-  const Vector3d u = corners[1] - corners[0], v = corners[2] - corners[0];
-  const Vector3d d = triangle.X_BC.R.transpose() * ray.d;
-  const Vector3d from = triangle.X_BC.R.transpose() * (ray.p - triangle.X_BC.p) - corners[0];
-  const Vector3d across = d.cross(v), up = from.cross(u);
-  const double det = u.dot(across), a = from.dot(across) / det, b = d.dot(up) / det;
+Crossing cross(const Ray& ray, const Corners& triangle) {
+  const Vector3d u = triangle[1] - triangle[0], v = triangle[2] - triangle[0], from = ray.p - triangle[0];
+  const Vector3d across = ray.d.cross(v), up = from.cross(u);
+  const double det = u.dot(across);
   if (det == 0) return {0, std::nan(""), false};
-  return {v.dot(up) / det, std::min({a, b, 1 - a - b}), det > 0};
+  const double share = 1 / det, a = from.dot(across) * share, b = ray.d.dot(up) * share;
+  return {v.dot(up) * share, std::min({a, b, 1 - a - b}), det > 0};
 }
 
+namespace {
+
+double first_on(const Ray& ray, const Corners& triangle) {
+  const Crossing crossing = cross(ray, triangle);
+  return crossing.within >= -kEdge && crossing.t >= 0 ? crossing.t : kInfinity;
+}
+
+}  // namespace
+
 double first_along(const Ray& ray, const Convex& piece) {
+  const std::vector<Vector3d>& corners = piece.polytope.vertices;
+  if (corners.size() == 3) return first_on(ray, {piece.X_BC * corners[0], piece.X_BC * corners[1], piece.X_BC * corners[2]});
   const Vector3d p = piece.X_BC.R.transpose() * (ray.p - piece.X_BC.p), d = piece.X_BC.R.transpose() * ray.d;
   Stretch stretch;
   switch (piece.core) {
@@ -96,10 +105,6 @@ double first_along(const Ray& ray, const Convex& piece) {
       stretch.cut_ball(p.cwiseQuotient(piece.extent).eval(), d.cwiseQuotient(piece.extent).eval(), 1);
       break;
     case Core::kPolytope: {
-      if (piece.polytope.vertices.size() == 3) {
-        const Crossing crossing = cross(ray, piece);
-        return crossing.within >= -kEdge && crossing.t >= 0 ? crossing.t : kInfinity;
-      }
       if (piece.box) {
         stretch.cut_box(piece.extent, p, d);
         break;
@@ -114,20 +119,24 @@ double first_along(const Ray& ray, const Convex& piece) {
 }
 
 double Body::first_along(const Ray& ray, double most) const {
-  if (contains(ray.p)) return 0;
   double best = kInfinity;
   const auto try_piece = [&](std::uint32_t k) {
     if (present_[k] == 0) return;
-    const double t = collision::first_along(ray, pieces_[k]);
+    const double t = is_triangle(k) ? first_on(ray, triangles_[k]) : collision::first_along(ray, pieces_[k]);
     if (t < best && t <= most) best = most = t;
   };
   for (const std::uint32_t k : planes_) try_piece(k);
   if (nodes_.empty()) return best;
-  const auto entry = [&ray](const Node& node) {
-    Stretch stretch;
+  constexpr double kParallel = 1e-200;  // in place of 0: what is beside the ray is far away
+  const Vector3d inverse =
+      ray.d.unaryExpr([](double x) { return 1 / (std::abs(x) < kParallel ? std::copysign(kParallel, x) : x); });
+  const Vector3d size = inverse.cwiseAbs();
+  const auto entry = [&](const Node& node) {
+    const Vector3d middle = (node.middle - ray.p).cwiseProduct(inverse);
     // A little larger, as rounding of flat boxes must not lose what is in them.
-    stretch.cut_box(node.half.array() + kEdge * node.radius, ray.p - node.middle, ray.d);
-    return stretch.first();
+    const Vector3d half = (node.half.array() + kEdge * node.radius).matrix().cwiseProduct(size);
+    const double in = std::max((middle - half).maxCoeff(), 0.0);
+    return in <= (middle + half).minCoeff() ? in : kInfinity;
   };
   struct Step {
     std::int32_t node;

@@ -1,5 +1,6 @@
 #pragma once
 #include <Eigen/Core>
+#include <array>
 
 #include "models/collision/convex.h"
 
@@ -15,12 +16,15 @@ struct Ray {
 /// (make_flat) is met from both sides, but not by rays in its plane. Height fields are not met.
 double first_along(const Ray& ray, const Convex& piece);
 
-/// How the line of a ray crosses the plane of a flat triangle (Möller, Trumbore, J. Graphics Tools 2(1), 1997).
+/// The corners of a flat triangle, counter-clockwise seen from its front.
+using Corners = std::array<Eigen::Vector3d, 3>;
+
+/// How the line of a ray crosses the plane of a triangle (Möller, Trumbore, J. Graphics Tools 2(1), 1997).
 struct Crossing {
   double t;       // on the ray
   double within;  // least barycentric coordinate: negative beside the triangle; no number for a line in its plane
   bool front;     // against its normal
 };
-Crossing cross(const Ray& ray, const Convex& triangle);
+Crossing cross(const Ray& ray, const Corners& triangle);
 
 }  // namespace cotwin::collision

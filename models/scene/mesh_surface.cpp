@@ -69,24 +69,28 @@ std::map<Edge, std::size_t> owners_of_edges(const Mesh& mesh, bool& manifold) {
 /// Distance along d from p to a triangle; infinite if the ray misses it [Möller, Trumbore 1997].
 double distance(const Mesh& mesh, const Triangle& t, const Vector3d& p, const Vector3d& d) {
   const Vector3d u = mesh.vertices[t[1]] - mesh.vertices[t[0]], v = mesh.vertices[t[2]] - mesh.vertices[t[0]];
-  const Vector3d across = d.cross(v), from = p - mesh.vertices[t[0]], up = from.cross(u);
+  const Vector3d across = d.cross(v), from = p - mesh.vertices[t[0]];
   const double det = u.dot(across);
   if (det == 0) return kInfinity;
-  const double a = from.dot(across) / det, b = d.dot(up) / det, way = v.dot(up) / det;
-  return a >= 0 && b >= 0 && a + b <= 1 && way > 0 ? way : kInfinity;
+  const double a = from.dot(across) / det;
+  if (!(a >= 0 && a <= 1)) return kInfinity;  // most rays pass by
+  const Vector3d up = from.cross(u);
+  const double b = d.dot(up) / det, way = v.dot(up) / det;
+  return b >= 0 && a + b <= 1 && way > 0 ? way : kInfinity;
 }
 
-/// Depth of the solid behind a triangle: half of the way to the opposite surface.
-double depth_behind(const Mesh& mesh, const Triangle& own, double deepest) {
-  const Vector3d n = normal(mesh, own);
+/// Depth of the solid behind a triangle: half of the way to the opposite surface. `normals`: of all triangles.
+double depth_behind(const Mesh& mesh, const std::vector<Vector3d>& normals, std::size_t number, double deepest) {
+  const Triangle& own = mesh.triangles[number];
+  const Vector3d& n = normals[number];
   const Vector3d& a = mesh.vertices[own[0]];
   const Vector3d &b = mesh.vertices[own[1]], &c = mesh.vertices[own[2]], middle = (a + b + c) / 3;
   double depth = 2 * deepest;
   for (const Vector3d& corner : {middle, a, b, c}) {
     const Vector3d p = 0.1 * middle + 0.9 * corner - 1e-9 * deepest * n;
-    for (const Triangle& t : mesh.triangles) {
-      if (&t == &own || normal(mesh, t).dot(n) > 0) continue;
-      depth = std::min(depth, distance(mesh, t, p, -n));
+    for (std::size_t t = 0; t < normals.size(); ++t) {
+      if (t == number || normals[t].dot(n) > 0) continue;
+      depth = std::min(depth, distance(mesh, mesh.triangles[t], p, -n));
     }
   }
   return depth / 2;
@@ -176,8 +180,10 @@ MeshSurface surface_of(Mesh mesh, bool is_static) {
                 (is_static ? "static" : "moving") + " body, expected " + std::to_string(most) + " at most: simplify it");
   }
   std::vector<double> depths;
-  for (const Triangle& t : mesh.triangles) {
-    const double depth = closed ? depth_behind(mesh, t, kDeepestOfMesh * size) : kDeepestOfMesh * size;
+  std::vector<Vector3d> normals;
+  for (const Triangle& t : mesh.triangles) normals.push_back(normal(mesh, t));
+  for (std::size_t t = 0; t < normals.size(); ++t) {
+    const double depth = closed ? depth_behind(mesh, normals, t, kDeepestOfMesh * size) : kDeepestOfMesh * size;
     depths.push_back(std::max(depth, kShallowestOfMesh * size));
   }
   surface.shapes = triangle_shapes(mesh, depths);

@@ -118,5 +118,5 @@ void benchmark_session(Protocol protocol) {
 int main() {
   for (const Protocol protocol : {Protocol::kLwr, Protocol::kSunrise1_15, Protocol::kSunrise2_7})
     benchmark_codec(protocol, protocol == Protocol::kLwr ? 1 : 2);
-  for (const Protocol protocol : {Protocol::kLwr, Protocol::kSunrise1_15, Protocol::kSunrise2_7}) benchmark_session(protocol);
+  benchmark_session(Protocol::kSunrise2_7);
 }

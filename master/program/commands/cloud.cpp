@@ -33,9 +33,6 @@ struct CloudArguments {
   std::optional<double> voxel;  // m
 };
 
-/// What is nearer to a robot than this is a point of the robot, m.
-constexpr double kOwn = 0.01;
-
 double metres(const std::string& unit) {
   const si::Measure measure = si::parse(unit);
   if (!si::convertible(measure, si::parse("m"))) throw Error("--unit", "'" + unit + "', expected a length such as mm");
@@ -64,23 +61,11 @@ cloud::Cloud without_robot(cloud::Cloud cloud, const CloudArguments& a) {
   if (const std::string bare = cell.add(robot, false); !bare.empty()) std::cerr << "cotwin: warning: " << bare << '\n';
   cell.place(0, X_WB, X_WL);
 
-  const auto tree = std::make_shared<const cloud::Tree>(std::move(cloud));
-  const collision::Body points(tree, 0);
-  collision::Finder finder;
-  finder.reserve(points);
-  std::vector<char> own(tree->cloud().points.size(), 0);
-  for (const collision::Part& part : cell.parts) {
-    finder.reserve(part.body);
-    finder.find_near(part.body, part.X_W, points, {}, kOwn, own);
-  }
-  cloud::Cloud rest{tree->cloud().origin, {}};
-  for (std::size_t k = 0; k < own.size(); ++k) {
-    if (own[k] == 0) rest.points.push_back(tree->cloud().points[k]);
-  }
-  std::cout << "robot    " << own.size() - rest.points.size() << " points within " << text::to_text(kOwn)
-            << " m of the hulls of " << model.name << " dropped\n";
-  if (rest.points.empty()) throw Error(a.file.string(), "all of its points are points of the robot");
-  return rest;
+  const std::size_t own = cell.drop_near(cloud, kOwn);
+  std::cout << "robot    " << own << " points within " << text::to_text(kOwn) << " m of the hulls of " << model.name
+            << " dropped\n";
+  if (cloud.points.empty()) throw Error(a.file.string(), "all of its points are points of the robot");
+  return cloud;
 }
 
 void tell(const cloud::Cloud& cloud) {

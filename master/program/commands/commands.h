@@ -29,6 +29,7 @@ void add_excite(CLI::App& app, Chosen& chosen);
 void add_perturb(CLI::App& app, Chosen& chosen);
 void add_report(CLI::App& app, Chosen& chosen);
 void add_cloud(CLI::App& app, Chosen& chosen);
+void add_scan(CLI::App& app, Chosen& chosen);
 void add_tool(CLI::App& app, Chosen& chosen);
 void add_search(CLI::App& app, Chosen& chosen);
 void add_farm(CLI::App& app, Chosen& chosen);

@@ -152,6 +152,21 @@ Distance Cell::distance(const Pair& pair, double most, double& bound) {
   return found;
 }
 
+std::size_t Cell::drop_near(cloud::Cloud& cloud, double most) {
+  const std::size_t before = cloud.points.size();
+  const Eigen::Vector3d origin = cloud.origin;
+  const auto tree = std::make_shared<const cloud::Tree>(std::move(cloud));
+  const Body points(tree, 0);
+  std::vector<char> near(before, 0);
+  finder_.reserve(points);
+  for (const Part& part : parts)
+    if (part.robot >= 0 && !part.body.empty()) finder_.find_near(part.body, part.X_W, points, {}, most, near);
+  cloud = {origin, {}};
+  for (std::size_t k = 0; k < before; ++k)
+    if (near[k] == 0) cloud.points.push_back(tree->cloud().points[k]);
+  return before - cloud.points.size();
+}
+
 double Cell::travel(const Part& part, int from, std::span<const double> q, std::span<const double> moved, double& reach) const {
   const robot::RobotModel& robot = model(part.robot);
   double travel = 0;

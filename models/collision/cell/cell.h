@@ -65,6 +65,9 @@ class Cell {
     return finder_.find(parts[pair.a].body, X_WA, parts[pair.b].body, X_WB, most);
   }
 
+  /// Removes the points of a cloud in W that are nearer than `most` (m) to robots. Returns how many.
+  std::size_t drop_near(cloud::Cloud& cloud, double most);
+
   /// An upper bound of the path lengths, m, of a part's points relative to the body `from` of its model that carries it (−1: the base), while the independent
   /// joints move from q by at most `moved` (n each, rad or m): of each joint in between, how far it moves times the longest lever that it can have.
   /// `reach`: of the points from the origin of `from`.
