@@ -169,17 +169,17 @@ ScanPlan plan_scan(const Scenario& scenario, const ScannerSite& site, const Scan
     set(t + settle, "true");
   }
   std::ranges::stable_sort(plan.scenario.events, {}, [](const EventSpec& event) { return event.time.ns; });
-  set_waypoints(plan.scenario, motion + "=" + points, false, types);
-  ComponentSpec& spec = *std::ranges::find(plan.scenario.components, motion, &ComponentSpec::name);
+  std::vector<ParameterValue>& values = std::ranges::find(plan.scenario.components, motion, &ComponentSpec::name)->start_values;
   const std::string start = text::to_text(scenario.start.seconds());
-  for (const auto& [name, value] : std::initializer_list<std::pair<const char*, std::string>>{{"waypoint_dwell", dwell},
-                                                                                              {"passing", "rest"},
+  for (const auto& [name, value] : std::initializer_list<std::pair<const char*, std::string>>{{"passing", "rest"},
                                                                                               {"loop", "no"},
                                                                                               {"t_start", start},
                                                                                               {"time_scale", "1"},
                                                                                               {"soft_start", "0"},
                                                                                               {"soft_stop", "0"}})
-    spec.start_values.push_back({name, value, "", "scan"});
+    values.push_back({name, value, "", "scan"});
+  set_waypoints(plan.scenario, motion + "=" + points, false, types);
+  values.push_back({"waypoint_dwell", dwell, "", "scan"});
   plan.scenario.stop = scenario.start + Duration::from_seconds(t + rest);
   Member through = loaded(plan.scenario, motion, types);
   through.instance.unit->initialise(scenario.start);

@@ -89,10 +89,10 @@ int run_scan(const ScanArguments& a) {
   Master master(plan.scenario, std::move(options));
   for (const std::string& warning : master.warnings()) std::cerr << "cotwin: warning: " << warning << '\n';
   master.initialise();
-  make_folder(out);
-  write_file(out / "scan.ssd", scenario_text(plan.scenario, units(), out));
   ProfileTaker taker(master, site, a.posture, mounting);
   note_signals();
+  make_folder(out);
+  write_file(out / "scan.ssd", scenario_text(plan.scenario, units(), out));
   ProgressLine line(!a.quiet);
   taker.take();
   for (bool on = true; on && stop_signal() == 0;) {
@@ -108,6 +108,7 @@ int run_scan(const ScanArguments& a) {
   if (stopped != 0)
     std::cerr << "cotwin: stopped by " << name_of_signal(stopped) << " at " << text::to_text(master.now().seconds(), 4)
               << " s, after " << taker.profiles() << " of " << plan.postures.size() << " profiles\n";
+  if (stopped != 0 && taker.points().empty()) return kExitSignalled + stopped;
   if (taker.points().empty())
     throw Error(site.name, taker.own_points() > 0 ? "met only the robot itself, so there is no cloud"
                                                   : "met nothing, so there is no cloud");
