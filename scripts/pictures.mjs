@@ -29,6 +29,7 @@ const pictures = [
   { name: 'refused', scenario: '12_mes/refused.ssd', cues: 'xt', t: 1.065, only3d: true, closer: 0.35 },
   { name: 'scanned_cell', scenario: '29_scanned_cell/cell.ssd', cues: 'x', t: 2.2, only3d: true, from: [-2.2, -2.4, 2.6], to: [0.5, 0.1, 0.8] },
   { name: 'scan_profile', scenario: '30_scan_the_cell/profile.ssd', cues: 'b', t: 4.4, only3d: true, from: [-0.9, -1.9, 2.1], to: [0.45, 0.15, 0.85] },
+  { name: 'scan_the_cell', script: '30_scan_the_cell/run.sh', results: ['run'], cues: 'x', t: 2.2, only3d: true, from: [-1.1, -1.7, 2.1], to: [0.5, 0.1, 0.8] },
   { name: 'map', script: '28_map/run.sh', file: 'map.svg', size: [760, 340] },
   { name: 'mes', script: '12_mes/run.sh', results: ['quintic', 'cheaper'], report: 'against' },
   { name: 'report', scenario: '02_free_motion_lwr4/twin.ssd', report: 'Residuals' },
