@@ -41,6 +41,7 @@ struct ScanRequest {
 /// A scenario that goes through postures, rests in each and triggers a profile there.
 struct ScanPlan {
   Scenario scenario;
+  std::string motion;  // the component that goes through them
   std::vector<std::vector<double>> postures;
   std::vector<std::string> skipped, notes;  // sentences
 };

@@ -45,29 +45,27 @@ Pose start_pose(const Variables& v, const std::string& prefix, const std::string
   return pose_of(place + "." + prefix + "quat" + start, values("p"), values("quat"));
 }
 
-/// The motion of joints whose values reach the positions of the robot at the scanner.
+/// The motion of joints that is the nearest source of the positions of the robot at the scanner.
 std::string motion_of(const Scenario& scenario, const ScannerSite& site) {
   std::set<std::string> sources;
   for (const ConnectionSpec& c : scenario.connections) {
     if (c.to.component == site.name && c.to.variable.substr(0, c.to.variable.find('[')) == site.prefix + "q")
       sources.insert(c.from.component);
   }
-  for (bool grown = true; grown;) {
-    grown = false;
+  std::string motions;
+  for (std::size_t before = 0; motions.empty() && sources.size() > before;) {
+    before = sources.size();
+    for (const ComponentSpec& spec : scenario.components)
+      if (sources.contains(spec.name) && is_unit_of(spec, "motion")) text::append(motions, spec.name);
+    const std::set<std::string> reached = sources;
     for (const ConnectionSpec& c : scenario.connections)
-      if (sources.contains(c.to.component)) grown = sources.insert(c.from.component).second || grown;
+      if (reached.contains(c.to.component)) sources.insert(c.from.component);
   }
-  std::string motion, all;
-  for (const ComponentSpec& spec : scenario.components) {
-    if (!sources.contains(spec.name) || !is_unit_of(spec, "motion")) continue;
-    motion = spec.name;
-    text::append(all, spec.name);
-  }
-  if (all.empty() || all != motion)
-    throw Error(scenario.file.string(), (all.empty() ? "no unit:motion reaches " : "the motions " + all + " reach ") +
+  if (motions.empty() || motions.find(',') != std::string::npos)
+    throw Error(scenario.file.string(), (motions.empty() ? "no unit:motion reaches " : "the motions " + motions + " reach ") +
                                             site.name + "." + site.prefix +
                                             "q by connections, expected one, to go through postures");
-  return motion;
+  return motions;
 }
 
 std::vector<std::vector<double>> wanted_postures(const ScanRequest& r, const Variables& motion,
@@ -131,8 +129,8 @@ ScanPlan plan_scan(const Scenario& scenario, const ScannerSite& site, const Scan
   if (std::ranges::any_of(scenario.connections,
                           [&](const ConnectionSpec& c) { return c.to.component + "." + c.to.variable == trigger; }))
     throw Error(trigger, "is connected, expected none: the scan triggers its profiles itself");
-  ScanPlan plan{scenario, {}, {}, {}};
   const std::string motion = motion_of(scenario, site);
+  ScanPlan plan{scenario, motion, {}, {}, {}};
   const robot::RobotModel& robot = site.cell.robots[static_cast<std::size_t>(site.frame.robot)].model;
   Member mover = loaded(scenario, motion, types);
   mover.instance.unit->initialise(scenario.start);

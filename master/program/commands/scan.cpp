@@ -1,10 +1,13 @@
 // cotwin scan: a scenario with a scanner on a robot → a cloud of its cell, and what was not seen.
+#include <algorithm>
 #include <cmath>
 #include <iostream>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <span>
 
+#include "master/engine/wiring/members.h"
 #include "master/program/commands/commands.h"
 #include "master/program/interrupt.h"
 #include "master/program/progress_line.h"
@@ -94,16 +97,24 @@ int run_scan(const ScanArguments& a) {
   make_folder(out);
   write_file(out / "scan.ssd", scenario_text(plan.scenario, units(), out));
   ProgressLine line(!a.quiet);
+  const std::span<double> desired = find_real_signal(master.members(), plan.motion + ".q_d", plan.motion).reals();
+  std::size_t on_the_way = 0;  // profiles
   taker.take();
   for (bool on = true; on && stop_signal() == 0;) {
+    const std::size_t profiles = taker.profiles();
     on = master.step_tick();
     taker.take();
+    const auto rests = [](double q, double planned) { return std::abs(q - planned) < 1e-6; };
+    if (taker.profiles() > profiles && !std::ranges::equal(desired, plan.postures.at(profiles), rests)) ++on_the_way;
     if (line.is_due()) line.update("scan", static_cast<double>(master.tick()) / static_cast<double>(master.ticks()));
   }
   line.clear();
   master.finish();
   for (const std::string& note : master.summary().notes)
     if (note.starts_with(site.name + ":")) std::cerr << note << '\n';
+  if (on_the_way > 0)
+    std::cerr << "cotwin: warning: " << text::counted(static_cast<std::int64_t>(on_the_way), "profile")
+              << " on the way to a posture, because " << plan.motion << " was slowed\n";
   const int stopped = stop_signal();
   if (stopped != 0)
     std::cerr << "cotwin: stopped by " << name_of_signal(stopped) << " at " << text::to_text(master.now().seconds(), 4)
