@@ -1,4 +1,5 @@
 #pragma once
+#include <cmath>
 #include <cstddef>
 #include <filesystem>
 #include <memory>
@@ -87,7 +88,7 @@ struct ScanFigures {
   };
   cloud::Spacing spacing{};
   std::vector<OfBody> bodies;
-  double rms = 0, largest = 0;  // distance of the points from the scene, m
+  double rms = std::nan(""), largest = std::nan("");  // distance of the points from the scene, m; no number without bodies
 };
 /// Bodies that move are taken where they start.
 ScanFigures judge_scan(std::shared_ptr<const cloud::Tree> tree, const scene::Scene& scene);

@@ -100,7 +100,8 @@ ScanFigures judge_scan(std::shared_ptr<const cloud::Tree> tree, const scene::Sce
   constexpr double kSamples = 2000;
   ScanFigures figures;
   figures.spacing = cloud::spacing(*tree);
-  const std::array<scene::Shape, 1> ball{};  // of radius 0
+  const double near = std::isfinite(figures.spacing.most) ? 2 * figures.spacing.most : 0;  // a single point shows nothing
+  const std::array<scene::Shape, 1> ball{};                                                // of radius 0
   const collision::Body point(ball), points(tree, 0);
   std::vector<collision::Body> bodies;
   collision::Finder finder;
@@ -117,13 +118,13 @@ ScanFigures judge_scan(std::shared_ptr<const cloud::Tree> tree, const scene::Sce
       const cloud::Cloud samples = cloud::sample(alone, {.spacing = std::sqrt(area / kSamples)}, left_out);
       std::size_t seen = 0;
       for (std::size_t k = 0; k < samples.points.size(); ++k)
-        seen += finder.find(point, {Eigen::Matrix3d::Identity(), samples.point(k)}, points, {}, 2 * figures.spacing.most).d <
-                scene::kInfinity;
+        seen += finder.find(point, {Eigen::Matrix3d::Identity(), samples.point(k)}, points, {}, near).d < scene::kInfinity;
       of_body.seen = static_cast<double>(seen) / static_cast<double>(samples.points.size());
     }
     figures.bodies.push_back(std::move(of_body));
   }
-  double square = 0;
+  if (bodies.empty()) return figures;
+  double square = figures.largest = 0;
   const cloud::Cloud& cloud = tree->cloud();
   for (std::size_t k = 0; k < cloud.points.size(); ++k) {
     double least = scene::kInfinity;

@@ -134,7 +134,10 @@ ScanPlan plan_scan(const Scenario& scenario, const ScannerSite& site, const Scan
   const robot::RobotModel& robot = site.cell.robots[static_cast<std::size_t>(site.frame.robot)].model;
   Member mover = loaded(scenario, motion, types);
   mover.instance.unit->initialise(scenario.start);
-  LegCheck legs(scenario, motion, {site.cell.scene, surroundings(r.clear_of, {}, plan.notes).clouds}, types);
+  Surroundings around = surroundings(r.clear_of, {}, plan.notes);
+  const std::vector<scene::Body>& own = site.cell.scene.bodies;
+  around.scene.bodies.insert(around.scene.bodies.begin(), own.begin(), own.end());
+  LegCheck legs(scenario, motion, around, types);
   plan.notes.insert(plan.notes.end(), legs.notes().begin(), legs.notes().end());
   std::size_t number = 0;
   for (const std::vector<double>& q : wanted_postures(r, mover.variables(), robot)) {

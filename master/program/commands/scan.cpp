@@ -59,10 +59,13 @@ nlohmann::ordered_json json_of(const ScanPlan& plan, const ProfileTaker& taker, 
 void tell(const ScanPlan& plan, const ProfileTaker& taker, std::size_t points, const ScanFigures& figures) {
   std::cout << "profiles   " << taker.profiles() << " of " << plan.postures.size() << " postures";
   if (taker.empty_profiles() > 0) std::cout << ", " << taker.empty_profiles() << " of them without a point";
-  std::cout << "\npoints     " << points << ", and " << taker.own_points()
-            << " on the robot, which were left out; spacing: median " << millimetres(figures.spacing.median) << ", 95 % up to "
-            << millimetres(figures.spacing.most) << "\nfrom scene " << millimetres(figures.rms) << " RMS, "
-            << millimetres(figures.largest) << " at most\n";
+  std::cout << "\npoints     " << points << ", and " << taker.own_points() << " on the robot, which were left out";
+  if (points > 1)
+    std::cout << "; spacing: median " << millimetres(figures.spacing.median) << ", 95 % up to "
+              << millimetres(figures.spacing.most);
+  std::cout << '\n';
+  if (!figures.bodies.empty())
+    std::cout << "from scene " << millimetres(figures.rms) << " RMS, " << millimetres(figures.largest) << " at most\n";
   std::string unseen;
   for (const ScanFigures::OfBody& body : figures.bodies) {
     std::cout << "seen       " << (body.seen ? text::to_text(100 * *body.seen, 3) + " % of " : "a body without end, ")

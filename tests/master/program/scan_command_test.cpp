@@ -200,7 +200,10 @@ TEST_F(ScanCommand, LeavesOutPosturesThatAreNotClear) {
   const RunResult one = scan({"--at", "0", "--count", "1", "--clear-of", "all.pcd"});
   EXPECT_EQ(one.code, 0) << one.err;
   EXPECT_EQ(summary().at("profiles"), 1);
+  folder_.write("pole.sdf", "<sdf version=\"1.11\"><world name=\"w\">" +
+                                body("pole", "0.2 0 0 0 0 0", "<sphere><radius>0.05</radius></sphere>") + "</world></sdf>");
   fs::remove_all(folder_ / "out");
+  EXPECT_THAT(scan({"--at", "0", "--count", "1", "--clear-of", "pole.sdf"}).err, HasSubstr("on the way there arm meets pole"));
   const RunResult none = scan({"--at", "1.5", "--count", "1"});
   EXPECT_EQ(none.code, 2);
   EXPECT_THAT(none.err, HasSubstr("no posture is clear: posture 1 is left out: on the way there arm meets post"));
