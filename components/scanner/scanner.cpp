@@ -97,12 +97,16 @@ void Scanner::declare(Variables& v) {
 }
 
 void Scanner::check_inputs(Time now) const {
+  const auto check_pose = [&](const std::string& prefix, const surroundings::PosePorts& pose) {
+    check_finite(place_, prefix, pose, now);
+    (void)pose_of_input(place_, prefix, "quat", pose.p, pose.quat);  // refuses zero
+  };
   for (const auto& robot : robots_) {
     check_finite(place_, robot->prefix, "q", robot->q, now);
-    if (floating_) check_finite(place_, robot->base_prefix, robot->base, now);
+    if (floating_) check_pose(robot->base_prefix, robot->base);
   }
   for (std::size_t k = 0; k < bodies_.size(); ++k)
-    if (cell_.parts[k].moves) check_finite(place_, bodies_[k].prefix, bodies_[k].pose, now);
+    if (cell_.parts[k].moves) check_pose(bodies_[k].prefix, bodies_[k].pose);
 }
 
 void Scanner::remember() {

@@ -34,7 +34,7 @@ class Scanner final : public Unit {
   void declare(Variables& v) override;
   /// Throws Error for quaternions whose length is not 1, and unless range_min < range_max.
   void initialise(Time start) override;
-  /// Throws Error if an input is not finite.
+  /// Throws Error if an input is not finite, or a quaternion is 0.
   StepResult step(Time now, Duration h) override;
   void restored() override;
   void append_notes(std::vector<std::string>& notes) const override;

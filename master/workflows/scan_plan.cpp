@@ -225,9 +225,9 @@ std::string scenario_text(const Scenario& given, std::span<const UnitType> types
     write_parameter_set(text, set);
     std::string source = member.spec.source;
     for (const auto& [key, value] : settings_for(scenario, member.name())) {  // a file has no defaults for all units
-      const bool given =
+      const bool set_here =
           is_unit(member.spec) && ("&" + parse_unit_source(source).query).find("&" + key + "=") != std::string::npos;
-      if (!given && has_setting(source, key, types)) source = with_setting(source, key, value);
+      if (!set_here && has_setting(source, key, types)) source = with_setting(source, key, value);
     }
     PackedComponent one{relocated(source, scenario.folder, folder), "", !is_unit(member.spec)};
     if (!set.values.empty()) one.values = text.str().substr(text.str().find('\n') + 1);  // without the XML declaration

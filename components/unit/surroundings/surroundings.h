@@ -19,7 +19,7 @@ using Values = std::vector<double>;
 struct PosePorts {
   Values p{0, 0, 0}, quat{1, 0, 0, 0}, v{0, 0, 0}, w{0, 0, 0};
   Values before = Values(7, 0.0);  // state: p and quat at the last step
-  Pose X_before;                   // for users: last()
+  Pose X_before;                   // last(), for units that use it often
 
   void set(const Pose& X);
   void set_before(const Pose& X);

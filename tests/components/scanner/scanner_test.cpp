@@ -417,6 +417,10 @@ TEST_F(Scanners, RefuseWhatTheyCannotUse) {
   unit.initialise();
   unit.set("q", std::vector<double>{0, std::numeric_limits<double>::quiet_NaN(), 0});
   EXPECT_THAT(error_of([&] { unit.step(1e-3); }), HasSubstr("q[2]: is nan at 0.001 s, expected a finite value"));
+  UnitSubject moving = scanner("robot=@slide.urdf&scene=@ball.sdf&frame=arm&beams=1");
+  moving.initialise();
+  moving.fill("obstacle.quat", 0);
+  EXPECT_THAT(error_of([&] { moving.step(1e-3); }), HasSubstr("obstacle.quat"));
 }
 
 }  // namespace
