@@ -46,8 +46,8 @@ struct ScanPlan {
   std::vector<std::vector<double>> postures;
   std::vector<std::string> skipped, notes;  // sentences
 };
-/// Replaces the waypoints of the motion that moves the scanner's robot, its triggers and the stop time. A posture to which the robot would not keep
-/// clear, of bodies of the scanner's cell, of `clear_of` (names for surroundings()) and of itself, with its tools, is left out; other robots are
+/// Replaces the waypoints of the motion that moves the scanner's robot, its triggers and the stop time. A posture beyond limits of the joints, or to
+/// which the robot would not keep clear, of bodies of the scanner's cell, of `clear_of` (names for surroundings()) and of itself, with its tools, is left out; other robots are
 /// taken to rest. Throws Error, also if no posture is left.
 ScanPlan plan_scan(const Scenario& scenario, const ScannerSite& site, const ScanRequest& request,
                    std::span<const UnitType> types);

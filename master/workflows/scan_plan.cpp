@@ -68,6 +68,17 @@ std::string motion_of(const Scenario& scenario, const ScannerSite& site) {
   return motions;
 }
 
+/// "wrist_3_joint is at 10.6, beyond its limits -6.28 to 6.28"; "" within all of them.
+std::string beyond_limits(const robot::RobotModel& robot, const std::vector<double>& q) {
+  for (std::size_t j = 0; j < q.size(); ++j) {
+    const robot::Joint& joint = robot.joints[j];
+    if (!(q[j] >= joint.q_min && q[j] <= joint.q_max))
+      return joint.name + " is at " + text::to_text(q[j], 4) + ", beyond its limits " + text::to_text(joint.q_min, 4) + " to " +
+             text::to_text(joint.q_max, 4);
+  }
+  return "";
+}
+
 std::vector<std::vector<double>> wanted_postures(const ScanRequest& r, const Variables& motion,
                                                  const robot::RobotModel& robot) {
   const auto n = static_cast<std::size_t>(robot.n());
@@ -84,6 +95,8 @@ std::vector<std::vector<double>> wanted_postures(const ScanRequest& r, const Var
   if (q_0.size() != n)
     throw Error("--at",
                 std::to_string(q_0.size()) + " positions, expected " + std::to_string(n) + ", of the joints of " + robot.name);
+  for (const double q : q_0)
+    if (!std::isfinite(q)) throw Error("--at", text::to_text(q) + ", expected finite positions");
   for (int k = 0; k < r.count; ++k) {
     postures.push_back(q_0);
     postures.back().back() += k * r.step;
@@ -141,9 +154,10 @@ ScanPlan plan_scan(const Scenario& scenario, const ScannerSite& site, const Scan
   plan.notes.insert(plan.notes.end(), legs.notes().begin(), legs.notes().end());
   std::size_t number = 0;
   for (const std::vector<double>& q : wanted_postures(r, mover.variables(), robot)) {
-    const std::string met = legs.meets(plan.postures.empty() ? q : plan.postures.back(), q);
-    if (const std::string which = "posture " + std::to_string(++number); !met.empty())
-      plan.skipped.push_back(which + " is left out: on the way there " + met);
+    std::string why = beyond_limits(robot, q);
+    if (why.empty()) why = legs.meets(plan.postures.empty() ? q : plan.postures.back(), q);
+    if (const std::string which = "posture " + std::to_string(++number); !why.empty())
+      plan.skipped.push_back(which + " is left out: on the way there " + why);
     else
       plan.postures.push_back(q);
   }

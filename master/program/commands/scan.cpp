@@ -77,7 +77,9 @@ void tell(const ScanPlan& plan, const ProfileTaker& taker, std::size_t points, c
 
 int run_scan(const ScanArguments& a) {
   end_on_signals("; nothing was written\n");
-  if (!(a.request.settle >= 0 && std::isfinite(a.request.settle))) throw Error("--settle", "expected a duration in s");
+  constexpr double kLongest = 3600;  // s
+  if (!(a.request.settle >= 0 && a.request.settle <= kLongest))
+    throw Error("--settle", text::to_text(a.request.settle) + ", expected 0 to 3600 s");
   if (!std::isfinite(a.request.step)) throw Error("--step", "expected an angle in rad, or a way in m");
   const std::optional<Pose> mounting =
       a.mounting.empty() ? std::nullopt : std::optional(read_base(a.mounting, "--mounting").second);

@@ -210,6 +210,18 @@ TEST_F(ScanCommand, LeavesOutPosturesThatAreNotClear) {
   EXPECT_FALSE(fs::exists(folder_ / "out"));
 }
 
+TEST_F(ScanCommand, LeavesOutPosturesBeyondTheLimitsOfTheJoints) {
+  std::string urdf = content(folder_ / "turret.urdf");
+  urdf.replace(urdf.find("continuous"), 10, "revolute");
+  urdf.insert(urdf.find("</joint>"), "<limit lower=\"-1\" upper=\"0.25\" effort=\"1\" velocity=\"5\"/>");
+  folder_.write("turret.urdf", urdf);
+  scenario();
+  const RunResult done = scan({"--at", "0", "--step", "0.2", "--count", "3", "--set", "motion.waypoint_q=-0.5 0.2"});
+  ASSERT_EQ(done.code, 0) << done.err;
+  EXPECT_THAT(done.err, HasSubstr("posture 3 is left out: on the way there turn is at 0.4, beyond its limits -1 to 0.25"));
+  EXPECT_EQ(summary().at("profiles"), 2);
+}
+
 TEST_F(ScanCommand, DropsThePointsOfTheRobotAndTellsOfEmptyProfiles) {
   scenario(R"(<ssv:Parameter name="opening"><ssv:Real value="6"/></ssv:Parameter>)");
   const RunResult done = scan({"--at", "0", "--step", "1.5707963267948966", "--count", "2", "--set", "scanner.beams=7"});
@@ -249,7 +261,9 @@ TEST_F(ScanCommand, RefusesWhatItCannotScan) {
   EXPECT_THAT(refused({"--mounting", "1 2"}), HasSubstr("--mounting: '1 2', expected x y z"));
   EXPECT_THAT(refused({"--scanner", "motion"}), HasSubstr("--scanner: 'motion' is none, expected one of scanner"));
   EXPECT_THAT(refused({"--clear-of", "nowhere"}), HasSubstr("scene 'nowhere'"));
-  EXPECT_THAT(refused({"--settle", "-1"}), HasSubstr("--settle"));
+  EXPECT_THAT(refused({"--settle", "-1"}), HasSubstr("--settle: -1, expected 0 to 3600 s"));
+  EXPECT_THAT(refused({"--settle", "1e300"}), HasSubstr("--settle: 1e+300, expected"));
+  EXPECT_THAT(refused({"--at", "nan"}), HasSubstr("--at: nan, expected finite positions"));
   EXPECT_THAT(refused({"--set", "scanner.frame=front"}), HasSubstr("scanner: is fixed to the scene, frame=front"));
   const std::string second =
       R"(<ssd:Component name="other" source="unit:scanner?frame=arm" type="application/x-cotwin-unit"/>)";
