@@ -172,7 +172,7 @@ const std::map<std::string, std::vector<std::string>> kRooms = {
       "identification",
       "identification/excitation"}},
     {"components/unit", {"", "surroundings"}},
-    {"components/services", {"", "json", "json/answers"}},
+    {"components/services", {"", "json", "json/answers", "json/control"}},
     {"components/io",
      {"fri", "rtde", "ethercat", "ethercat/master", "emulators/kuka", "emulators/ur", "emulators/ethercat", "link", "emulators",
       "links", ""}},
@@ -206,6 +206,8 @@ const std::map<std::string, std::vector<std::string>> kRooms = {
 /// Includes against the order, each for a reason.
 const std::set<std::pair<std::string, std::string>> kUpwards = {
     {"components/services/json/json.cpp", "components/services/json/answers/answers.h"},  // calls the services by their names
+    {"components/services/json/json.cpp", "components/services/json/control/control.h"},  // which chooses them
+    {"components/services/json/tasks.cpp", "components/services/json/control/control.h"},  // whose chains are tasks
     {"fmu/import/load.cpp", "fmu/process/process.h"},                                     // chooses where an FMU runs
     {"master/program/main.cpp", "master/program/commands/commands.h"},                    // the main function
 };

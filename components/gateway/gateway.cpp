@@ -1,11 +1,15 @@
 #include "components/gateway/gateway.h"
 
+#include <algorithm>
 #include <filesystem>
 #include <optional>
 
 #include "components/gateway/api/api.h"
+#include "components/gateway/api/catalogue.h"
 #include "components/gateway/api/job_board.h"
+#include "components/gateway/api/json_tools.h"
 #include "components/gateway/http/server.h"
+#include "components/services/json/control/control.h"
 #include "components/services/json/json.h"
 #include "components/services/robots.h"
 #include "models/foundation/support/atomic_file.h"
@@ -41,7 +45,8 @@ std::string producer_of(const std::string& program) {
 struct Gateway::Parameters {
   std::string address, tokens, certificate, key, hosts, origins, url_file, robot;
   std::int32_t port = 0, threads = 0, connections = 0;
-  std::string database, program;
+  std::string database, program, persons;
+  double price_per_kWh = 0, co2_per_kWh = 0;
   std::int32_t workers = 0, address_connections = 0;
   bool operator==(const Parameters&) const = default;
 };
@@ -86,8 +91,46 @@ struct Gateway::Running {
     if (jobs) jobs->close();
   }
 
+  /// What requests leave to the gateway: the present posture of the run, the service, and the context from which it is chosen.
   void fill(Json& request, const RunSide& run_side) {
-    run_side.fill(request, [this](const Json& r) { return services::posture_member(robots, r, "from_q"); });
+    const live::PostureName posture = [this](const Json& r) { return services::posture_member(robots, r, "from_q"); };
+    must_settle(request, [&](Json& one, const std::string& pointer) {
+      try {
+        if (!one.contains("service")) add_context(one, run_side, posture);
+        run_side.fill(one, posture);
+      } catch (http::Refusal& refused) {
+        refused.problem.pointer.insert(0, pointer);
+        throw;
+      }
+    });
+  }
+
+  /// The context of a request that names no service, as far as it says nothing of it.
+  void add_context(Json& request, const RunSide& run_side, const live::PostureName& posture) const {
+    const auto add = [&](const char* name, double value) {
+      if (!request.contains(name)) request[name] = value;
+    };
+    if (parameters.price_per_kWh > 0) add("price_per_kWh", parameters.price_per_kWh);
+    if (parameters.co2_per_kWh > 0) add("co2_kg_per_kWh", parameters.co2_per_kWh);
+    if (!parameters.persons.empty() && !request.contains("person_m"))
+      if (const auto distance = run_side.least_value(parameters.persons)) add("person_m", std::max(0.0, *distance));
+    if (request.contains("deadline")) {
+      const auto time = request["deadline"].is_string() ? time_of(request["deadline"].get<std::string>()) : std::nullopt;
+      if (!time) throw refusal(422, "is no time, expected one such as 2026-11-22T08:00:00Z", "/deadline");
+      if (request.contains("deadline_s")) throw refusal(422, "is given beside deadline_s, expected one of them", "/deadline");
+      request.erase("deadline");
+      add("deadline_s", std::chrono::duration<double>(*time - std::chrono::system_clock::now()).count());
+    }
+    for (const char* start : {"from", "from_q_rad", "from_q_deg", "from_q", "series", "waypoints", "poses"})
+      if (request.contains(start)) return;
+    try {
+      Json beginning = request;
+      beginning["from"] = "run";
+      run_side.fill(beginning, posture);
+      request = std::move(beginning);
+    } catch (const http::Refusal&) {
+      // No run, or none with one robot: the service tells that it needs a start.
+    }
   }
 
   JobsOptions job_options() {
@@ -100,6 +143,7 @@ struct Gateway::Running {
     o.workers = parameters.workers;
     o.producer = producer_of(program);
     o.robot_hash = [this](const std::string& name) { return hash_of_robot(name); };
+    o.chains = {services::next_step, services::chain_reply, services::chain_problem, services::problem};
     return o;
   }
 
@@ -199,11 +243,19 @@ void Gateway::declare(Variables& v) {
   v.parameter("commands", commands_,
               "whether clients may pause, step and stop the run and set its values; false: they can only watch it");
   v.parameter("address_connections", address_connections_, "most connections of one address at the same time").range(1, 10000);
+  v.parameter(
+      "persons", persons_,
+      "signal of the run that has distances of persons in m, such as monitor.d, for requests that name no service; the least "
+      "one counts; empty: unknown");
+  v.parameter("price_per_kWh", price_per_kWh_, "1", "price of a kilowatt hour, in any currency, for the same; 0: unknown")
+      .range(0, 1e9);
+  v.parameter("co2_per_kWh", co2_per_kWh_, "kg", "CO2 of a kilowatt hour, for the same; 0: unknown").range(0, 1e9);
 }
 
 Gateway::Parameters Gateway::parameters() const {
-  return {address_, tokens_,  certificate_, key_,      hosts_,   origins_, url_file_,           robot_,
-          port_,    threads_, connections_, database_, program_, workers_, address_connections_};
+  return {address_,  tokens_,  certificate_,   key_,         hosts_,       origins_,
+          url_file_, robot_,   port_,          threads_,     connections_, database_,
+          program_,  persons_, price_per_kWh_, co2_per_kWh_, workers_,     address_connections_};
 }
 
 void Gateway::initialise(Time) {
@@ -219,6 +271,8 @@ void Gateway::initialise(Time) {
   run_side_.begin();
   run_side_.serve([this](Json& request) {
     running_->fill(request, run_side_);
+    if (is_long(request))
+      throw refusal(422, "takes long, expected an immediate service over MQTT: order a job over HTTP", "/service");
     return services::answer_object(running_->robots, request);
   });
   const http::Server::Counts& c = running_->server->counts();

@@ -25,12 +25,6 @@ mqtt::PlantReply problem(int status, const std::string& detail) {
   return reply_of(http::Refusal{{status, detail, "", ""}, {}});
 }
 
-bool is_long(const Json& request) {
-  const auto name = request.find("service");
-  if (name == request.end()) return false;
-  return std::ranges::any_of(all_services(), [&](const ServiceInfo& s) { return s.is_long && *name == s.name; });
-}
-
 }  // namespace
 
 void RunSide::declare(Variables& v) {
@@ -62,8 +56,6 @@ mqtt::PlantReply RunSide::request(const std::string& payload) const {
   if (!answer) return problem(503, "the gateway does not answer requests to services now");
   try {
     Json request = object_of(payload);
-    if (is_long(request))
-      throw refusal(422, "takes long, expected an immediate service over MQTT: order a job over HTTP", "/service");
     std::string reply = answer(request);
     if (reply.size() > kLargestReply)
       throw refusal(422, "the reply has " + std::to_string(reply.size()) + " bytes, expected at most " +
@@ -74,6 +66,14 @@ mqtt::PlantReply RunSide::request(const std::string& payload) const {
   } catch (const Error& error) {
     return problem(422, error.what());
   }
+}
+
+std::optional<double> RunSide::least_value(const std::string& signal) const {
+  std::optional<double> least;
+  for (const Json& value : Json::parse(live_.values({signal}, ""))["values"])
+    for (const Json& one : value.is_array() ? value : Json::array({value}))
+      if (one.is_number()) least = std::min(least.value_or(one.get<double>()), one.get<double>());
+  return least;
 }
 
 std::shared_ptr<mqtt::Plant> RunSide::plant() const {

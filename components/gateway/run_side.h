@@ -3,6 +3,7 @@
 #include <functional>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -31,6 +32,8 @@ class RunSide {
   void permit_commands(bool permitted) { live_.permit_commands(permitted); }
   /// See live::Live::fill.
   void fill(nlohmann::ordered_json& request, const live::PostureName& name) const { live_.fill(request, name); }
+  /// The least element of a signal of the run that is a number, if there is one. Throws Refusal.
+  std::optional<double> least_value(const std::string& signal) const;
   /// An event of a job for the plant: "jobs/7". From any thread; never waits.
   void event(const std::string& topic, std::string json);
   /// Closes the streams of the run and leaves the broker. begin() may follow.

@@ -1,7 +1,9 @@
 #include "components/gateway/api/catalogue.h"
 
+#include <algorithm>
 #include <nlohmann/json.hpp>
 
+#include "components/services/json/control/control.h"
 #include "components/services/json/json.h"
 
 namespace cotwin::gateway {
@@ -17,6 +19,13 @@ const std::vector<ServiceInfo>& all_services() {
     return all;
   }();
   return kAll;
+}
+
+bool is_long(const nlohmann::ordered_json& request) {
+  if (services::is_chain(request)) return std::ranges::any_of(request["steps"], is_long);
+  const auto name = request.find("service");
+  return name != request.end() &&
+         std::ranges::any_of(all_services(), [&](const ServiceInfo& s) { return s.is_long && *name == s.name; });
 }
 
 }  // namespace cotwin::gateway

@@ -1,4 +1,5 @@
 #pragma once
+#include <nlohmann/json_fwd.hpp>
 #include <string>
 #include <vector>
 
@@ -13,5 +14,7 @@ struct ServiceInfo {
 
 /// Those of components/services.
 const std::vector<ServiceInfo>& all_services();
+/// Whether a request that names its service, or one of the steps of a chain, is for a long one.
+bool is_long(const nlohmann::ordered_json& request);
 
 }  // namespace cotwin::gateway

@@ -5,6 +5,7 @@
 #include "components/gateway/api/api.h"
 #include "components/gateway/api/catalogue.h"
 #include "components/gateway/api/job_board.h"
+#include "components/gateway/jobs/canonical.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
 
@@ -48,15 +49,6 @@ UtcTime time_of_member(const Json& value, const std::string& pointer) {
   return *time;
 }
 
-/// The service that a request names. Throws Refusal 422 for none that is there.
-std::string service_name(const Json& request) {
-  if (!request.contains("service")) throw refusal(422, "is missing, expected one of /work-masters", "/service");
-  const Json& name = request["service"];
-  if (std::none_of(all_services().begin(), all_services().end(), [&](const ServiceInfo& s) { return name == s.name; }))
-    throw refusal(422, "is no service, expected one of /work-masters", "/service");
-  return name;
-}
-
 void read_parameter(const Json& one, const std::string& pointer, const Fill& fill, std::set<std::string>& given,
                     JobOrder& order) {
   if (!one.is_object()) throw refusal(422, "is no object, expected {ID, Value}", pointer);
@@ -77,6 +69,7 @@ void read_parameter(const Json& one, const std::string& pointer, const Fill& fil
       throw;
     }
     order.request = request.dump();
+    order.asked = value.dump();
   } else if (id == "Deadline") {
     order.deadline = time_of_member(value, place);
   } else if (id == "TimeLimit") {
@@ -119,7 +112,7 @@ JobOrder order_of(const Json& j, const Fill& fill) {
     const Json request = Json::parse(order.request);
     const Json& masters = j["WorkMasterID"];
     const bool one = masters.is_array() && masters.size() == 1 && masters[0].is_object() && masters[0].contains("ID");
-    if (!one || !request.contains("service") || masters[0]["ID"] != request["service"])
+    if (!one || masters[0]["ID"] != request.value("service", kChain))
       throw refusal(422, "is not [{\"ID\": service of the request}]; it may be left out", "/WorkMasterID");
   }
   return order;
@@ -333,7 +326,6 @@ void add_job_routes(http::Router& router, services::Robots& robots, const std::s
   add_job_schemas(router);
   const Fill fill = [&robots, complete](Json& request) {
     if (complete) complete(request);
-    (void)service_name(request);
     expect_answerable(robots, request);
   };
   const auto make = [](const char* method, const char* pattern, const char* id, const char* summary, http::Scope scope) {
@@ -443,12 +435,12 @@ void add_job_routes(http::Router& router, services::Robots& robots, const std::s
   add(kept, [board](const Request& r) { return results(*board, r, ""); });
 
   http::Route equal = make("POST", "/results/find", "findResults", "Results of requests equal to the body", http::Scope::kRead);
-  equal.takes = "NamedRequest";
+  equal.takes = "OrderRequest";
   equal.parameters = pages;
   equal.answers = {{200, "Results", "A page"}};
   add(equal, [board](const Request& r) {
-    const Json request = object_of(r.body);
-    (void)service_name(request);
+    Json request = object_of(r.body);
+    must_settle(request);
     return results(*board, r, request.dump());
   });
 

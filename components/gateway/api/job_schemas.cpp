@@ -19,7 +19,7 @@ void add_job_schemas(http::Router& router) {
     "properties": {"ID": {"enum": ["Request", "Deadline", "TimeLimit", "Reuse"]}, "Value": true},
     "required": ["ID", "Value"], "additionalProperties": false,
     "oneOf": [
-      {"properties": {"ID": {"const": "Request"}, "Value": {"$ref": "#/components/schemas/NamedRequest"}}},
+      {"properties": {"ID": {"const": "Request"}, "Value": {"$ref": "#/components/schemas/OrderRequest"}}},
       {"properties": {"ID": {"const": "Deadline"}, "Value": {"type": "string", "format": "date-time"}}},
       {"properties": {"ID": {"const": "TimeLimit"}, "Value": {"type": "number", "exclusiveMinimum": 0, "maximum": 1e6, "description": "s of running"}}},
       {"properties": {"ID": {"const": "Reuse"}, "Value": {"type": "boolean", "description": "false: compute again"}}}]})");
@@ -73,8 +73,8 @@ void add_job_schemas(http::Router& router) {
       "Number": {"type": "integer"}, "JobOrderID": {"type": "string"}, "Service": {"type": "string"}, "Robot": {"type": "string"},
       "RequestHash": {"type": "string"}, "RobotHash": {"type": "string"}, "Producer": {"type": "string"},
       "Stored": {"type": "string", "format": "date-time"}, "Busy_s": {"type": "number"}, "Reused": {"type": "boolean"},
-      "Bytes": {"type": "integer", "description": "of the reply"}, "Request": {"$ref": "#/components/schemas/NamedRequest"},
-      "Reply": {"$ref": "#/components/schemas/Reply"}},
+      "Bytes": {"type": "integer", "description": "of the reply"}, "Request": {"$ref": "#/components/schemas/OrderRequest"},
+      "Reply": {"$ref": "#/components/schemas/OrderReply"}},
     "required": ["Number", "JobOrderID", "Service", "Robot", "RequestHash", "RobotHash", "Producer", "Stored", "Busy_s", "Reused", "Bytes", "Request"],
     "additionalProperties": false})");
   router.add_schema("Results", R"({

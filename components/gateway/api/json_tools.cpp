@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "components/services/json/control/control.h"
 #include "components/services/json/json.h"
 #include "models/foundation/support/text.h"
 
@@ -39,6 +40,17 @@ void expect_answerable(services::Robots& robots, const Json& request) {
   } catch (const Error& error) {
     throw refusal(422, error.what());
   }
+}
+
+void must_settle(Json& request, const std::function<void(Json&, const std::string&)>& complete) {
+  try {
+    services::settle(request, complete);
+  } catch (const services::RequestError& error) {
+    throw refusal(422, error.detail(), error.pointer());
+  }
+  const std::vector<std::string> names = services::service_names();
+  if (!services::is_chain(request) && std::find(names.begin(), names.end(), request["service"]) == names.end())
+    throw refusal(422, "is no service, expected one of /work-masters", "/service");
 }
 
 void expect_members(const Json& object, std::initializer_list<std::string_view> names, const std::string& pointer) {

@@ -1,4 +1,5 @@
 #pragma once
+#include <functional>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
@@ -21,6 +22,8 @@ http::Refusal refusal(int status, std::string detail, std::string pointer = "");
 Json object_of(const std::string& body);
 /// Throws Refusal 422 for a request to a service that these robots can never answer, see services::check_object().
 void expect_answerable(services::Robots& robots, const Json& request);
+/// services::settle(). Throws Refusal 422, also for a service that is not there.
+void must_settle(Json& request, const std::function<void(Json&, const std::string& pointer)>& complete = {});
 /// Throws Refusal 422 for the first member that is not in `names`.
 void expect_members(const Json& object, std::initializer_list<std::string_view> names, const std::string& pointer = "");
 

@@ -6,6 +6,7 @@
 #include "components/gateway/api/catalogue.h"
 #include "components/gateway/api/job_board.h"
 #include "components/gateway/api/json_tools.h"
+#include "components/services/json/control/control.h"
 #include "components/services/json/json.h"
 #include "models/foundation/support/error.h"
 
@@ -209,16 +210,22 @@ void add_service_routes(http::Router& router, services::Robots& robots, const st
                                            {"type", "object"},
                                            {"anyOf", requests}}
                                           .dump());
-  if (board)
-    router.add_schema("NamedRequest", Json{{"description", "The request of the service that its member service names"},
-                                           {"type", "object"},
-                                           {"required", Json::array({"service"})},
-                                           {"anyOf", requests}}
-                                          .dump());
+  router.add_schema("NamedRequest", Json{{"description", "The request of the service that its member service names"},
+                                         {"type", "object"},
+                                         {"required", Json::array({"service"})},
+                                         {"anyOf", requests}}
+                                        .dump());
+  const Json control = services::control_schemas();
+  router.add_schema(
+      "OrderRequest",
+      Json{{"description", "A request that names its service, one whose service is chosen, or a chain of requests"},
+           {"anyOf", {{{"$ref", "#/components/schemas/NamedRequest"}}, control["chosen"], control["chain"]}}}
+          .dump());
   router.add_schema("Reply", Json{{"description", "The reply of the service; the same request gives the same bytes"},
                                   {"type", "object"},
                                   {"anyOf", replies}}
                                  .dump());
+  router.add_schema("OrderReply", Json{{"anyOf", {{{"$ref", "#/components/schemas/Reply"}}, control["chain_reply"]}}}.dump());
   const http::Parameter service_part{"name", "path", "name of the service", service_names_schema()};
 
   const auto get = [&](const char* pattern, const char* id, const char* summary, const char* schema) {
@@ -280,23 +287,35 @@ void add_service_routes(http::Router& router, services::Robots& robots, const st
   } else {
     ask.answers.push_back(http::problem_answer(501, "The service is answered by jobs, and this gateway has none"));
   }
-  router.add_later(ask, [&robots, board, fill](const Request& request, const http::Reply& reply) {
-    const ServiceInfo& service = service_of(request.part("name"));
+  const auto answer = [&robots, board, fill](const Request& request, Json object, const http::Reply& reply) {
     const std::string* const prefer = request.field("Prefer");
     const bool promised = prefer != nullptr && http::preference(*prefer, "respond-async").has_value();
-    Json object = with_service(request, service);
     if (fill) fill(object);
-    if (!board && service.is_long)
-      throw refusal(
-          501,
-          service.name + " takes long and is answered by jobs, but this gateway has no database for them (parameter database)");
-    if (board && (service.is_long || promised)) {
+    const bool takes_long = is_long(object);
+    if (!board && takes_long)
+      throw refusal(501,
+                    object.value("service", "one of the steps") +
+                        " takes long and is answered by jobs, but this gateway has no database for them (parameter database)");
+    if (board && (takes_long || promised)) {
       if (request.scope != http::Scope::kOperate)
         throw refusal(403, "the token may read only, expected one with the scope operate: the answer is a job");
       expect_answerable(robots, object);
       return answer_by_job(board, request, object, promised, reply);
     }
     reply(answer_now(robots, object));
+  };
+  http::Route control_route = ask;
+  control_route.pattern = "/services";
+  control_route.id = "askControl";
+  control_route.summary = "The answer to a request whose service is chosen by its goal and context, or to a chain of requests";
+  control_route.takes = "OrderRequest";
+  control_route.answers[0].schema = "OrderReply";
+  control_route.parameters.erase(control_route.parameters.begin());
+  router.add_later(control_route, [answer](const Request& request, const http::Reply& reply) {
+    answer(request, object_of(request.body), reply);
+  });
+  router.add_later(ask, [answer](const Request& request, const http::Reply& reply) {
+    answer(request, with_service(request, service_of(request.part("name"))), reply);
   });
 }
 

@@ -161,8 +161,11 @@ std::string canonical_json(std::string_view text) { return parse_request(text).d
 CanonicalRequest canonical_request(std::string_view text) {
   const Json request = parse_request(text);
   const bool tool = request.contains("payload") && request["payload"].dump().find("\"tool\"") != std::string::npos;
-  CanonicalRequest canonical{request.dump(), "", name_of(request, "service", false), name_of(request, "robot", true),
-                             tool || request.contains("clear_of")};
+  CanonicalRequest canonical{request.dump(), "", kChain, "", tool || request.contains("clear_of")};
+  if (!request.contains("steps")) {
+    canonical.service = name_of(request, "service", false);
+    canonical.robot = name_of(request, "robot", true);
+  }
   canonical.hash = sha256(canonical.text);
   return canonical;
 }

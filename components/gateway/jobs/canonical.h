@@ -8,10 +8,12 @@ namespace cotwin::gateway {
 
 inline constexpr int kMostLevels = 32;  // of nested arrays and objects in a request
 
+inline constexpr const char* kChain = "chain";  // in place of a service
+
 struct CanonicalRequest {
   std::string text;            // as canonical_json
   std::string hash;            // SHA-256 of the text, hexadecimal
-  std::string service, robot;  // members of the request; robot may be missing: ""
+  std::string service, robot;  // members of the request; robot may be missing: ""; of a chain kChain and ""
   bool reads_more =
       false;  // the reply depends on files of others than the robot: a scene, further robots, tools (clear_of, payload)
 };

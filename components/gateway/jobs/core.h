@@ -29,6 +29,12 @@ struct JobsCore {
   Origin origin_of(const std::string& robot) const {
     return {options.robot_hash ? options.robot_hash(robot) : "none", options.producer};
   }
+  /// nullopt: of a chain, whose steps have robots of their own.
+  std::optional<Origin> origin_of(const CanonicalRequest& request) const {
+    if (request.service != kChain) return origin_of(request.robot);
+    if (!options.chains.next) throw Error("/steps", "is given, but this queue has no chains, expected one request");
+    return std::nullopt;
+  }
   /// After a transaction, with the mutex.
   void publish(JobChange::Kind kind, const Job& job) {
     notifier.publish(kind, job);

@@ -56,8 +56,9 @@ struct LocalizedText {
 
 /// What a client orders.
 struct JobOrder {
-  std::string id;       ///< JobOrderID, 1 to 200 printable ASCII characters without '/'; "": a new one is made
-  std::string request;  ///< JSON object for a worker: {"service": "…", "robot": "…", …}
+  std::string id;  ///< JobOrderID, 1 to 200 printable ASCII characters without '/'; "": a new one is made
+  std::string request;  ///< JSON object for a worker: {"service": "…", "robot": "…", …}, or a chain of them: {"steps": […], …}
+  std::string asked;  ///< the request as the client sent it, for idempotency keys, if something was filled in since; else ""
   std::vector<LocalizedText> description;  ///< shown to people
   std::int16_t priority = 0;               ///< higher is more urgent
   std::optional<UtcTime> start_time;       ///< proposed start: the job does not run before it

@@ -140,12 +140,12 @@ JobReply Jobs::store(const JobOrder& order, const StoreOptions& options) {
   std::optional<Origin> origin;
   try {
     request = canonical_request(order.request);
-    origin = impl_->core.origin_of(request.robot);
+    origin = impl_->core.origin_of(request);
   } catch (const Error& error) {
     return invalid(error.what());
   }
   JobOrder stored = order;
-  stored.reuse = order.reuse && !request.reads_more;
+  stored.reuse = order.reuse && (request.service == kChain || !request.reads_more);
   JobReply reply = impl_->change(order.id, [&] {
     JobStore::Insertion insertion = impl_->core.store.insert(stored, request, options, origin, impl_->core.now());
     if (insertion.job) impl_->core.publish(JobChange::Kind::kState, *insertion.job);
@@ -163,7 +163,7 @@ JobReply Jobs::update(const JobOrder& order, std::optional<std::int64_t> version
   CanonicalRequest request;
   try {
     request = canonical_request(order.request);
-    static_cast<void>(core.origin_of(request.robot));
+    static_cast<void>(core.origin_of(request));
   } catch (const Error& error) {
     return refused(kInvalidRequest, error.what());
   }
@@ -181,7 +181,7 @@ JobReply Jobs::update(const JobOrder& order, std::optional<std::int64_t> version
       return refused(kInvalidRequest, "the deadline " + to_text(*order.deadline) + " has passed: it is " + to_text(now));
     job->order = order;
     job->order.request = request.text;
-    job->order.reuse = order.reuse && !request.reads_more;
+    job->order.reuse = order.reuse && (request.service == kChain || !request.reads_more);
     job->request_hash = request.hash;
     job->service = request.service;
     job->robot = request.robot;

@@ -14,6 +14,17 @@
 
 namespace cotwin::gateway {
 
+/// Chains of requests: what the answers to earlier steps make of later ones. All texts are JSON.
+struct Chains {
+  /// The request of the step after those that have replies; "": there is none. Throws Error.
+  std::function<std::string(const std::string& chain, const std::vector<std::string>& replies)> next;
+  std::function<std::string(const std::string& chain, const std::vector<std::string>& replies)> reply;
+  /// The problem of a step as that of the chain.
+  std::function<std::string(const std::string& chain, std::size_t step, const std::string& problem)> problem;
+  /// Of an error of next().
+  std::function<std::string(const std::exception& error)> problem_of;
+};
+
 struct JobsOptions {
   std::filesystem::path database;  ///< SQLite file, created if it is missing; beside it <file>.owner, <file>-wal, <file>-shm
   std::vector<std::string>
@@ -32,6 +43,7 @@ struct JobsOptions {
   /// threads. Empty: results are reused whatever the files of the robot.
   std::function<std::string(const std::string& robot)> robot_hash;
   std::function<UtcTime()> now;  ///< UTC; empty: the system's clock
+  Chains chains;                 ///< without them chains are refused
 
   std::size_t most_jobs = 20'000;                            ///< stored and not done (MaxDownloadableJobOrders)
   std::uint64_t most_request = std::uint64_t{1} << 20;       ///< bytes of a request
@@ -59,6 +71,9 @@ struct JobsStatus {
 /// Running meanwhile. A worker that dies, or breaks the protocol, costs its job a retry; without one left the job is Aborted and
 /// Unsuccessful. Threads: every function may be called from any thread. Clock: deadlines in UTC, checked at least once a second,
 /// so that clock steps are followed.
+///
+/// A chain (a request with the member "steps") is one job. Its steps are given to workers one after the other, each as a request of its
+/// own, whose reply is kept as a result of the job: after the end of the process a chain goes on with the step that is not answered.
 ///
 /// Worker protocol: lines of JSON. To stdin {"id", "request"}; from stdout {"id", "progress", "message"} any number of times, then
 /// {"id", "reply"} or {"id", "problem": {"title", "detail", "pointer"}}. A job is cancelled by killing its worker.

@@ -227,33 +227,84 @@ void Scheduler::dispatch(Lock& lock) {
   }
 }
 
+/// Ends a job whose request cannot be answered; the caller has set nothing.
+void Scheduler::end_with_problem(Job& job, const std::string& problem, UtcTime now) {
+  const auto told = nlohmann::json::parse(problem);
+  const auto detail = told.find("detail");
+  end_job(job, JobState::kEnded,
+          detail != told.end() && detail->is_string() ? detail->get<std::string>() : "the request was refused", now);
+  job.problem = problem;
+  core_.store.save(job, false);
+  core_.publish(JobChange::Kind::kState, job);
+}
+
+/// What is to be computed of a job. nullopt: nothing, it has ended, or was changed meanwhile.
+std::optional<Scheduler::Task> Scheduler::task_of(Lock& lock, Job& job) {
+  Task task{job, {}, 0, 0};
+  const bool chain = job.service == kChain;
+  const Chains& chains = core_.options.chains;
+  std::vector<std::string> replies;
+  for (;;) {
+    std::string problem, reply;
+    lock.unlock();
+    try {
+      if (chain) {
+        const std::string next = chains.next(job.order.request, replies);
+        task.steps = nlohmann::json::parse(job.order.request).at("steps").size();
+        task.step = replies.size();
+        if (next.empty()) {
+          reply = chains.reply(job.order.request, replies);
+        } else {
+          const CanonicalRequest step = canonical_request(next);
+          task.job.order.request = step.text;
+          task.job.request_hash = step.hash;
+          task.job.service = step.service;
+          task.job.robot = step.robot;
+          task.job.order.reuse = job.order.reuse && !step.reads_more;
+        }
+      }
+      if (reply.empty()) task.origin = core_.origin_of(task.job.robot);
+    } catch (const std::exception& error) {
+      problem =
+          chain && chains.problem
+              ? chains.problem(job.order.request, replies.size(), chains.problem_of(error))
+              : nlohmann::json{{"title", "The robot cannot be read."}, {"detail", error.what()}, {"pointer", "/robot"}}.dump(
+                    -1, ' ', false, nlohmann::json::error_handler_t::replace);
+    }
+    lock.lock();
+    const auto current = core_.store.find(job.order.id);
+    if (!current || current->version != job.version) return std::nullopt;  // choose again
+    const UtcTime utc = core_.now();
+    if (chain && !job.started && (!problem.empty() || !reply.empty())) job.started = utc;
+    if (!problem.empty()) {
+      end_with_problem(job, problem, utc);
+      return std::nullopt;
+    }
+    if (!reply.empty()) {
+      job.ended = utc;
+      job.reason.clear();
+      core_.store.complete(job, reply, {"", core_.options.producer});
+      core_.publish(JobChange::Kind::kState, job);
+      return std::nullopt;
+    }
+    if (!chain) {
+      if (!job.order.reuse || !core_.store.reuse(job, task.origin, utc)) return task;
+      core_.publish(JobChange::Kind::kState, job);
+      return std::nullopt;
+    }
+    task.job.ended = utc;
+    task.job.busy_s = 0;
+    const auto known = core_.store.answer_of_step(task.job, task.origin, task.job.order.reuse);
+    if (!known) return task;
+    replies.push_back(*known);
+  }
+}
+
 /// Gives a job to a worker, or ends it with an earlier result. False: no worker can be started now.
 bool Scheduler::give(Lock& lock, Job job) {
-  Origin origin;
-  std::string unknown;
-  lock.unlock();
-  try {
-    origin = core_.origin_of(job.robot);
-  } catch (const std::exception& error) {
-    unknown = error.what();
-  }
-  lock.lock();
-  auto current = core_.store.find(job.order.id);
-  if (!current || current->version != job.version) return true;  // it was changed meanwhile: choose again
-  const UtcTime utc = core_.now();
-  if (!unknown.empty()) {
-    end_job(job, JobState::kEnded, unknown, utc);
-    job.problem = nlohmann::json{{"title", "The robot cannot be read."}, {"detail", unknown}, {"pointer", "/robot"}}.dump(
-        -1, ' ', false, nlohmann::json::error_handler_t::replace);
-    core_.store.save(job, false);
-    core_.publish(JobChange::Kind::kState, job);
-    return true;
-  }
-  if (job.order.reuse && core_.store.reuse(job, origin, utc)) {
-    core_.publish(JobChange::Kind::kState, job);
-    return true;
-  }
-  WorkerSlot* slot = idle_slot(job.robot, origin.robot_hash);
+  const std::optional<Task> task = task_of(lock, job);
+  if (!task) return true;
+  WorkerSlot* slot = idle_slot(task->job.robot, task->origin.robot_hash);
   if (slot == nullptr) {
     if (Clock::now() < next_start_) return false;
     auto made = std::make_unique<WorkerSlot>();
@@ -271,18 +322,21 @@ bool Scheduler::give(Lock& lock, Job job) {
   }
   if (job.state == JobState::kAllowedToStart) {
     job.state = JobState::kRunning;
-    job.started = utc;
+    job.started = core_.now();
     job.reason.clear();
     core_.store.save(job, false);
     core_.publish(JobChange::Kind::kState, job);
   }
-  slot->origin = origin;
-  slot->robots[job.robot] = origin.robot_hash;
+  slot->task = *task;
+  slot->task.job.busy_s = job.busy_s;
+  slot->id = task->steps == 0 ? job.order.id : job.order.id + "/" + std::to_string(task->step);
+  slot->robots[task->job.robot] = task->origin.robot_hash;
   slot->since = slot->told = Clock::now();
-  slot->busy_s = slot->progress = 0;
+  slot->busy_s = task->steps > 0 ? job.busy_s : 0;
+  slot->progress = task->share(0);
   slot->message.clear();
   slot->heard = false;
-  slot->process->send(R"({"id":)" + nlohmann::json(job.order.id).dump() + R"(,"request":)" + job.order.request + "}");
+  slot->process->send(R"({"id":)" + nlohmann::json(slot->id).dump() + R"(,"request":)" + task->job.order.request + "}");
   slot->process->write();
   slot->job = std::move(job);
   return true;
@@ -325,7 +379,7 @@ void Scheduler::serve(WorkerSlot& slot) {
 /// The files that the worker may have read in between.
 bool Scheduler::robot_is_unchanged(const WorkerSlot& slot) const {
   try {
-    return core_.origin_of(slot.job->robot).robot_hash == slot.origin.robot_hash;
+    return core_.origin_of(slot.task.job.robot).robot_hash == slot.task.origin.robot_hash;
   } catch (const std::exception&) {
     return false;
   }
@@ -333,14 +387,13 @@ bool Scheduler::robot_is_unchanged(const WorkerSlot& slot) const {
 
 void Scheduler::accept(WorkerSlot& slot, const WorkerLine& line, bool same_robot) {
   if (!slot.job || slot.reply) throw Error("the worker wrote a line without a job");
-  if (!slot.heard && !slot.previous.empty() && line.id == slot.previous && line.id != slot.job->order.id)
+  if (!slot.heard && !slot.previous.empty() && line.id == slot.previous && line.id != slot.id)
     return fail(slot, "the worker answered a job twice", false);
-  if (line.id != slot.job->order.id)
-    throw Error("the worker answered job '" + line.id.substr(0, 80) + "', expected '" + slot.job->order.id + "'");
+  if (line.id != slot.id) throw Error("the worker answered job '" + line.id.substr(0, 80) + "', expected '" + slot.id + "'");
   slot.heard = true;
   const Clock::time_point now = Clock::now();
   if (line.progress) {
-    slot.progress = *line.progress;
+    slot.progress = slot.task.share(*line.progress);
     slot.message = line.message;
     if (now - slot.told < kProgress) return;
     slot.told = now;
@@ -353,8 +406,8 @@ void Scheduler::accept(WorkerSlot& slot, const WorkerLine& line, bool same_robot
   slot.since = now;
   slot.reply = Reply{!line.problem.empty(), std::string(line.problem.empty() ? line.reply : line.problem)};
   if (!same_robot) {  // it is not certain which files the reply is for: it is not taken for other jobs
-    slot.origin.robot_hash.clear();
-    slot.robots[slot.job->robot].clear();
+    slot.task.origin.robot_hash.clear();
+    slot.robots[slot.task.job.robot].clear();
   }
   wake();  // settle() in supervise()
 }
@@ -367,22 +420,30 @@ void Scheduler::settle(WorkerSlot& slot) {
     job->ended = core_.now();
     job->busy_s = slot.busy_s;
     job->reason.clear();
-    if (slot.reply->problem) {
-      const auto problem = nlohmann::json::parse(slot.reply->json);
-      const auto detail = problem.find("detail");
-      end_job(*job, JobState::kEnded,
-              detail != problem.end() && detail->is_string() ? detail->get<std::string>() : "the request was refused",
-              *job->ended);
-      job->progress = slot.progress;
-      job->problem = slot.reply->json;
-      core_.store.save(*job, false);
-    } else if (core_.store.complete(*job, slot.reply->json, slot.origin)) {
+    Task& task = slot.task;
+    const auto tell_difference = [&](bool differs) {
+      if (!differs) return;
       ++core_.differing_replies;
       std::cerr << "cotwin: job " << job->order.id << ": the reply differs from an earlier one to the same request\n";
+    };
+    if (slot.reply->problem) {
+      job->progress = slot.progress;
+      end_with_problem(
+          *job,
+          task.steps == 0 ? slot.reply->json : core_.options.chains.problem(job->order.request, task.step, slot.reply->json),
+          *job->ended);
+    } else if (task.steps == 0) {
+      tell_difference(core_.store.complete(*job, slot.reply->json, task.origin));
+      core_.publish(JobChange::Kind::kState, *job);
+    } else {  // the chain goes on in dispatch()
+      task.job.ended = std::exchange(job->ended, std::nullopt);
+      task.job.busy_s = job->busy_s - task.job.busy_s;
+      job->progress = task.share(1);
+      tell_difference(core_.store.complete_step(*job, task.job, slot.reply->json, task.origin));
+      core_.publish(JobChange::Kind::kState, *job);
     }
-    core_.publish(JobChange::Kind::kState, *job);
   }
-  slot.previous = slot.job->order.id;
+  slot.previous = slot.id;
   slot.job.reset();
   slot.reply.reset();
   slot.doomed = processes() > core_.options.workers;  // after Resume there may be more

@@ -46,14 +46,24 @@ class Scheduler {
     bool problem = false;
     std::string json;
   };
+  /// What a worker is given: the request of a job, or one step of a chain.
+  struct Task {
+    Job job;                          // of a step: with its request, service and robot
+    Origin origin;                    // of its result
+    std::size_t step = 0, steps = 0;  // steps: 0, no chain
+    double share(double progress) const {
+      return steps == 0 ? progress : (static_cast<double>(step) + progress) / static_cast<double>(steps);
+    }
+  };
   struct WorkerSlot {
     std::unique_ptr<WorkerProcess> process;  // null: it has ended after the reply
     std::optional<Job> job;                  // as it was given to the worker; nullopt: idle
-    Origin origin;                           // of the job's result
+    Task task;                               // of the job
+    std::string id;                          // of the task, for the worker: the job's, and the number of the step
     std::optional<Reply> reply;              // not yet in the database
     bool paused = false, doomed = false;     // doomed: its process is to be killed
     bool heard = false;                      // the process has written a line for the job
-    std::string previous;                    // job that it answered before, "": none
+    std::string previous;                    // task that it answered before, "": none
     Clock::time_point since;                 // start or latest resumption of the job
     double busy_s = 0;                       // of the job before that
     double progress = 0;
@@ -70,6 +80,8 @@ class Scheduler {
   void check_limits();
   void dispatch(Lock& lock);
   bool give(Lock& lock, Job job);
+  std::optional<Task> task_of(Lock& lock, Job& job);
+  void end_with_problem(Job& job, const std::string& problem, UtcTime now);
   WorkerSlot* idle_slot(const std::string& robot, const std::string& hash);
   void serve(WorkerSlot& slot);
   bool robot_is_unchanged(const WorkerSlot& slot) const;

@@ -25,7 +25,7 @@ std::string new_identifier() {
 std::string fingerprint_of(const JobOrder& order, const CanonicalRequest& request, bool start) {
   const auto time = [](const std::optional<UtcTime>& t) { return t ? Json(t->time_since_epoch().count()) : Json(); };
   const Json all = {order.id,
-                    request.hash,
+                    order.asked.empty() ? request.hash : sha256(canonical_json(order.asked)),
                     start,
                     texts_to_json(order.description),
                     order.priority,
@@ -163,9 +163,7 @@ void JobStore::save(Job& job, bool durable) {
   job = std::move(changed);
 }
 
-bool JobStore::complete(Job& job, std::string_view reply, const Origin& origin) {
-  Transaction transaction(database_, false);
-  Job changed = job;
+std::pair<std::int64_t, bool> JobStore::keep_answer(const Job& job, std::string_view reply, const Origin& origin) {
   std::optional<std::int64_t> equal;
   bool differs = false;
   {
@@ -180,21 +178,57 @@ bool JobStore::complete(Job& job, std::string_view reply, const Origin& origin) 
       }
     }
   }
-  if (equal) differs = false;
-  if (!equal) {
-    database_.run("INSERT INTO answers(request_hash, robot_hash, producer, request, reply, busy_s) VALUES (?, ?, ?, ?, ?, ?)",
-                  job.request_hash, origin.robot_hash, origin.producer, job.order.request, reply, job.busy_s);
-    equal = database_.last_row();
-  }
+  if (equal) return {*equal, false};
+  database_.run("INSERT INTO answers(request_hash, robot_hash, producer, request, reply, busy_s) VALUES (?, ?, ?, ?, ?, ?)",
+                job.request_hash, origin.robot_hash, origin.producer, job.order.request, reply, job.busy_s);
+  return {database_.last_row(), differs};
+}
+
+bool JobStore::complete(Job& job, std::string_view reply, const Origin& origin) {
+  Transaction transaction(database_, false);
+  Job changed = job;
+  const auto [answer, differs] = keep_answer(changed, reply, origin);
   changed.state = JobState::kEnded;
   changed.result = JobResult::kSuccessful;
   changed.progress = 1;
-  changed.result_number = keep_result(changed, origin, *equal, reply.size(), false);
+  changed.result_number = keep_result(changed, origin, answer, reply.size(), false);
   changed.version = next_version();
   update_row(database_, changed);
   transaction.commit();
   job = std::move(changed);
   return differs;
+}
+
+bool JobStore::complete_step(Job& job, const Job& step, std::string_view reply, const Origin& origin) {
+  Transaction transaction(database_, false);
+  Job changed = job;
+  const auto [answer, differs] = keep_answer(step, reply, origin);
+  keep_result(step, origin, answer, reply.size(), false);
+  changed.version = next_version();
+  update_row(database_, changed);
+  transaction.commit();
+  job = std::move(changed);
+  return differs;
+}
+
+std::optional<std::string> JobStore::answer_of_step(const Job& step, const Origin& origin, bool reuse) {
+  const auto first = [](Statement row) {
+    return row.step() ? std::optional<std::pair<std::int64_t, std::string>>({row.integer(0), row.text(1)}) : std::nullopt;
+  };
+  const auto own = first(
+      database_.query("SELECT answer, reply FROM results JOIN answers ON answers.number = results.answer WHERE job_id = ? AND "
+                      "results.request_hash = ? AND results.robot_hash = ? AND results.producer = ?",
+                      step.order.id, step.request_hash, origin.robot_hash, origin.producer));
+  if (own) return own->second;
+  if (!reuse || origin.robot_hash.empty()) return std::nullopt;
+  const auto earlier = first(database_.query(
+      "SELECT number, reply FROM answers WHERE request_hash = ? AND robot_hash = ? AND producer = ? ORDER BY number LIMIT 1",
+      step.request_hash, origin.robot_hash, origin.producer));
+  if (!earlier) return std::nullopt;
+  Transaction transaction(database_, false);
+  keep_result(step, origin, earlier->first, earlier->second.size(), true);
+  transaction.commit();
+  return earlier->second;
 }
 
 bool JobStore::reuse(Job& job, const Origin& origin, UtcTime now) {

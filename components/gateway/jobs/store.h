@@ -4,6 +4,7 @@
 #include <optional>
 #include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "components/gateway/jobs/canonical.h"
@@ -52,6 +53,10 @@ class JobStore {
   void save(Job& job, bool durable);
   /// Ends a running job, whose end and busy_s are set, with a reply, and keeps the reply. Returns whether it differs from an earlier reply of the same origin.
   bool complete(Job& job, std::string_view reply, const Origin& origin);
+  /// Keeps the reply to a step of a chain, and saves the chain. `step`: the chain's identifier with the request of the step.
+  bool complete_step(Job& job, const Job& step, std::string_view reply, const Origin& origin);
+  /// The reply to a step that the chain has already, or with `reuse` that of an earlier equal request, which then is kept for the chain, too.
+  std::optional<std::string> answer_of_step(const Job& step, const Origin& origin, bool reuse);
   /// Ends a running job with the reply of an earlier one to an equal request, if there is one.
   bool reuse(Job& job, const Origin& origin, UtcTime now);
   /// Frees the job's data and keeps its identifier reserved.
@@ -77,6 +82,8 @@ class JobStore {
  private:
   void write_closed(bool closed);
   std::int64_t next_version();
+  /// The number of the answer, and whether it differs from an earlier one.
+  std::pair<std::int64_t, bool> keep_answer(const Job& job, std::string_view reply, const Origin& origin);
   std::int64_t keep_result(const Job& job, const Origin& origin, std::int64_t answer, std::uint64_t bytes, bool reused);
   bool restore_earlier(Job& job, const Origin& origin, UtcTime now);
   void remove_row(Job& job, const std::string& reason, UtcTime now);

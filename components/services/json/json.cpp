@@ -5,6 +5,7 @@
 
 #include "components/services/assumptions.h"
 #include "components/services/json/answers/answers.h"
+#include "components/services/json/control/control.h"
 #include "components/services/json/move_json.h"
 #include "components/services/json/schema_parts.h"
 #include "models/foundation/support/text.h"
@@ -117,10 +118,9 @@ bool has_nan(const Json& value) {
   return value.is_structured() && std::ranges::any_of(value, has_nan);
 }
 
-std::string text_of(const Json& reply) {
+void must_be_finite(const Json& reply) {
   if (has_nan(reply))
     throw Error("reply", "contains a value that is not a number, expected finite ones: see the robot's inertias");
-  return reply.dump();
 }
 
 }  // namespace
@@ -144,6 +144,7 @@ std::string schema(const std::string& name) {
     (void)service->answer({}, r, {});
   });
   Json reply = reply_schema(name);
+  add_control_schemas(name, request, reply);
   request["$schema"] = reply["$schema"] = kDialect;
   return Json{{"title", name}, {"description", service->description}, {"request", request}, {"reply", reply}}.dump();
 }
@@ -181,20 +182,36 @@ std::shared_ptr<const Robot> robot_of(Robots& robots, Reader& r) {
 }  // namespace
 
 std::string answer_object(Robots& robots, const Json& object, const Context& context) {
-  Reader r(object);
+  if (is_chain(object)) return answer_chain(robots, object, context);
+  const auto given = [&](const char* name) { return object.is_object() && object.contains(name); };
+  const std::string audience = given("audience") ? Reader(object).word("audience", kAudiences) : "";
+  const bool whole = audience.empty() || audience == "engineer" || given("detail");
+  Json settled;
+  if (!given("service") || given("choice") || !(audience.empty() || given("detail"))) {
+    settled = object;
+    choose(settled);
+    if (!audience.empty() && !given("detail")) settled["detail"] = detail_for(audience);
+  }
+  const Json& request = settled.is_null() ? object : settled;
+  Reader r(request);
   const std::shared_ptr<const Robot> robot = robot_of(robots, r);
+  const Json choice = request.value("choice", Json());
+  if (std::ranges::any_of(choices(), [&](const Choice& row) { return request["service"] == row.service; }))
+    (void)r.has("choice");
+  (void)r.has("audience");
   Context own = context;
   own.robots = &robots;
-  return text_of(reply_to(*robot, r, own));
+  const Json reply = reply_to(*robot, r, own);
+  if (context.only_read) return "";
+  must_be_finite(reply);
+  return presented(request["service"], audience, whole, choice, reply).dump();
 }
 
 void check_object(Robots& robots, const Json& object) {
-  Reader r(object);
-  const std::shared_ptr<const Robot> robot = robot_of(robots, r);
+  if (is_chain(object)) return check_chain(robots, object);
   Context context;
-  context.robots = &robots;
   context.only_read = true;
-  (void)reply_to(*robot, r, context);
+  (void)answer_object(robots, object, context);
 }
 
 Json data_of(const Robot& robot) {

@@ -4,6 +4,7 @@
 #include <map>
 #include <nlohmann/json.hpp>
 
+#include "components/services/json/control/control.h"
 #include "models/foundation/support/text.h"
 
 namespace cotwin::services {
@@ -11,11 +12,18 @@ namespace cotwin::services {
 namespace {
 
 namespace fs = std::filesystem;
-using Json = nlohmann::ordered_json;
 constexpr std::size_t kMost = 100000;
 
 std::string word_of(const Json& request, const char* name) {
   return request.is_object() && request.contains(name) && request[name].is_string() ? request[name].get<std::string>() : "";
+}
+
+/// A URDF beside the file of tasks gets its path.
+void beside(Json& request, const fs::path& folder) {
+  const std::string robot = word_of(request, "robot");
+  std::error_code none;
+  if (const fs::path file = folder / robot; robot.ends_with(".urdf") && fs::is_regular_file(file, none))
+    request["robot"] = file.string();
 }
 
 Task task_of(Json request, const std::string& name, const TaskDefaults& defaults) {
@@ -24,14 +32,18 @@ Task task_of(Json request, const std::string& name, const TaskDefaults& defaults
   if (request.is_object()) {
     if (const std::string own = word_of(request, "name"); !own.empty()) task.name = own;
     request.erase("name");
-    if (!request.contains("robot")) request["robot"] = defaults.robot;
-    if (!request.contains("detail") && !defaults.detail.empty()) request["detail"] = defaults.detail;
+    Json& members = is_chain(request) ? request["defaults"] : request;
+    if (members.is_null() || members.is_object()) {
+      if (!members.contains("robot")) members["robot"] = defaults.robot;
+      if (!members.contains("detail") && !defaults.detail.empty() && !request.contains("audience"))
+        members["detail"] = defaults.detail;
+      task.robot = word_of(members, "robot");
+    }
+    beside(members, defaults.folder);
+    if (is_chain(request) && request["steps"].is_array())
+      for (Json& step : request["steps"]) beside(step, defaults.folder);
   }
-  task.robot = word_of(request, "robot");
-  task.service = word_of(request, "service");
-  std::error_code none;
-  if (const fs::path beside = defaults.folder / task.robot; task.robot.ends_with(".urdf") && fs::is_regular_file(beside, none))
-    request["robot"] = beside.string();
+  task.service = is_chain(request) ? "chain" : word_of(request, "service");
   task.request = request.dump();
   return task;
 }
@@ -171,7 +183,8 @@ std::vector<Task> read_tasks(std::string_view text, const std::string& place, co
     throw Error(place, e.detail());
   }
   std::vector<Task> tasks;
-  const bool library = file.is_object() && !file.contains("service") && (file.contains("robots") || file.contains("defaults"));
+  const bool library = file.is_object() && !file.contains("service") && !is_chain(file) &&
+                       (file.contains("robots") || file.contains("defaults"));
   if (library || (file.is_object() && file.contains("tasks"))) {
     cross(file, place, defaults, tasks);
   } else if (file.is_object()) {
@@ -191,10 +204,12 @@ std::vector<Row> ask_all(Robots& robots, const std::vector<Task>& tasks, const C
   for (const Task& task : tasks) {
     Row row{task, "", ""};
     try {
-      if (task.problem.empty())
+      if (task.problem.empty()) {
         row.reply = answer(robots, task.request, context);
-      else
+        if (task.service.empty()) row.task.service = Json::parse(row.reply)["choice"]["service"];
+      } else {
         row.problem = task.problem;
+      }
     } catch (const std::exception& e) {
       row.problem = problem(e);
     }

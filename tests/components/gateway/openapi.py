@@ -27,7 +27,7 @@ TIMEOUT = 120  # s
 # Statuses that the document names and this program does not bring about: overload, jobs whose workers die, a run that has ended (the
 # server ends with it). Tests in C++ bring these about.
 ELSEWHERE = {429, 500, 503}
-AFTER_THE_RUN = {("GET", "/run/values"), ("GET", "/run/stream"), ("POST", "/services/{name}")}
+AFTER_THE_RUN = {("GET", "/run/values"), ("GET", "/run/stream"), ("POST", "/services"), ("POST", "/services/{name}")}
 
 wrong = []
 
@@ -373,6 +373,44 @@ def check_services(g):
     g.call("POST", "/services/{name}", 410, {"name": "optimise"}, body={**SEARCH, "seed": 2}, fields=key, well_formed=True)
 
 
+def check_control(g):
+    """Requests without a service, and chains."""
+    move = {k: v for k, v in MOVE.items() if k != "from_q_rad"}
+    reply, _ = g.call("POST", "/services", 200, body={**move, "goal": "fastest", "audience": "operator"})
+    expect(set(reply) == {"choice", "sentence", "light"} and reply["choice"]["row"] == "duration", "operator", reply)
+    reply, _ = g.call("POST", "/services", 200, body={**MOVE, "goal": "cheapest", "audience": "planner", "deadline": "2099-01-01T00:00:00Z"},
+                      fields={"Prefer": "wait=30"})
+    expect(reply["choice"]["service"] == "optimise" and reply["choice"]["in_time"] is True, "deadline", reply)
+    g.call("POST", "/services", 422, body={**MOVE, "goal": "cheapest", "deadline": "2001-01-01T00:00:00Z"}, well_formed=True)
+    g.call("POST", "/services", 422, body={**MOVE, "goal": "cheapest", "deadline": "soon"}, well_formed=True)
+    chain = {"defaults": MOVE, "audience": "planner", "steps": [
+        {"name": "shortest", "goal": "fastest"}, {"name": "cost", "goal": "cheapest", "T_s": "$shortest/T_s"}]}
+    reply, _ = g.call("POST", "/services", 200, body=chain)
+    expect([s["name"] for s in reply["steps"]] == ["shortest", "cost"], "chain", reply)
+    for wrong_chain in ({**chain, "steps": []}, {**chain, "audience": "child"}, {**chain, "more": 1}):
+        g.call("POST", "/services", 422, body=wrong_chain)
+    for steps in (chain["steps"][::-1], [{"service": "nobody"}], [{**chain["steps"][0], "goal": "soon"}]):
+        g.call("POST", "/services", 422, body={**chain, "steps": steps}, well_formed=True)
+    key = {"Idempotency-Key": "control-1"}
+    search = {k: v for k, v in SEARCH.items() if k not in MOVE}
+    order_of_chain = {"defaults": MOVE, "steps": [chain["steps"][0], {**search, "T_min_s": "$shortest/T_s", "seed": 3}]}
+    _, header = g.call("POST", "/services", 200, query={"wait": "30"}, body=order_of_chain, fields=key)
+    job = {"id": header.getheader("Content-Location").rpartition("/")[2]}
+    page, _ = g.call("GET", "/results", 200, query={"job": job["id"], "order": "oldest"})
+    expect([r["Service"] for r in page["Results"]] == ["cycle_time", "optimise", "chain"], "results of a chain", page)
+    found, _ = g.call("POST", "/results/find", 200, body=order_of_chain)
+    expect([r["JobOrderID"] for r in found["Results"]] == [job["id"]], "results of an equal chain", found)
+    g.call("DELETE", "/job-orders/{id}", 204, job)
+    g.call("POST", "/services", 410, body=order_of_chain, fields=key, well_formed=True)
+    long_chain = {"defaults": MOVE, "steps": [{k: v for k, v in LONG.items() if k not in MOVE}]}
+    _, header = g.call("POST", "/services", 202, body=long_chain, fields={"Prefer": "respond-async"})
+    job = {"id": header.getheader("Location").rpartition("/")[2]}
+    g.call("POST", "/job-orders/{id}/commands", 202, job, body={"Command": "Abort"})
+    ended(g, job["id"])
+    g.call("POST", "/job-orders", 201, body=order(chain, "chain", WorkMasterID=[{"ID": "chain"}]))
+    ended(g, "chain")
+
+
 def check_jobs(g):
     g.call("GET", "/events", 200)
     web_socket_messages(g, "/events", "", 0)
@@ -519,6 +557,7 @@ def check_access(g, parts):
                 g.call(method, path, 403, part, body=body, fields={"Authorization": "Bearer " + READ})
     g.call("GET", "/run/page", 404)
     g.call("POST", "/services/{name}", 403, {"name": "optimise"}, body=SEARCH, fields={"Authorization": "Bearer " + READ}, well_formed=True)
+    g.call("POST", "/services", 403, body=SEARCH, fields={"Authorization": "Bearer " + READ}, well_formed=True)
     g.call("POST", "/run/commands", 403, body={"command": "stop"}, well_formed=True)
     g.call("PUT", "/run/tunables/{name}", 403, {"name": "gateway.open"}, body={"value": 1}, well_formed=True)
     ticket, _ = g.call("POST", "/tickets", 201)
@@ -543,10 +582,12 @@ def main():
         check_document(g.document)
     wrong_calls(run, parts)
     check_services(run)
+    check_control(run)
     check_jobs(run)
     check_run(run)
     check_access(tokens, parts)
     plain.call("POST", "/services/{name}", 501, {"name": "optimise"}, body=SEARCH, well_formed=True)
+    plain.call("POST", "/services", 501, body={"steps": [SEARCH]}, well_formed=True)
     plain.call("POST", "/services/{name}", 200, {"name": "feasibility"}, body=MOVE)
 
     for path, operations in run.document["paths"].items():
