@@ -23,6 +23,7 @@ namespace cotwin::gateway {
 namespace {
 
 const char* const kPlace = "unit:gateway";
+constexpr double kNoPair = 1e12;  // m, the distance of unit:monitor where there is nobody
 
 /// The items of a list "a, b", without blanks.
 std::vector<std::string> items(const std::string& list) {
@@ -113,7 +114,8 @@ struct Gateway::Running {
     if (parameters.price_per_kWh > 0) add("price_per_kWh", parameters.price_per_kWh);
     if (parameters.co2_per_kWh > 0) add("co2_kg_per_kWh", parameters.co2_per_kWh);
     if (!parameters.persons.empty() && !request.contains("person_m"))
-      if (const auto distance = run_side.least_value(parameters.persons)) add("person_m", std::max(0.0, *distance));
+      if (const auto distance = run_side.least_value(parameters.persons); distance && *distance < kNoPair)
+        add("person_m", std::max(0.0, *distance));
     if (request.contains("deadline")) {
       const auto time = request["deadline"].is_string() ? time_of(request["deadline"].get<std::string>()) : std::nullopt;
       if (!time) throw refusal(422, "is no time, expected one such as 2026-11-22T08:00:00Z", "/deadline");
@@ -245,7 +247,7 @@ void Gateway::declare(Variables& v) {
   v.parameter("address_connections", address_connections_, "most connections of one address at the same time").range(1, 10000);
   v.parameter(
       "persons", persons_,
-      "signal of the run that has distances of persons in m, such as monitor.d, for requests that name no service; the least "
+      "signal of the run that has distances of persons in m, such as monitor.distance, for requests that name no service; the least "
       "one counts; empty: unknown");
   v.parameter("price_per_kWh", price_per_kWh_, "1", "price of a kilowatt hour, in any currency, for the same; 0: unknown")
       .range(0, 1e9);
