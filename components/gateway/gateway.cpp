@@ -130,8 +130,9 @@ struct Gateway::Running {
       beginning["from"] = "run";
       run_side.fill(beginning, posture);
       request = std::move(beginning);
-    } catch (const http::Refusal&) {
-      // No run, or none with one robot: the service tells that it needs a start.
+    } catch (const http::Refusal& refused) {
+      // The run does not have one robot: the service tells that it needs a start.
+      if (refused.problem.status != 422) throw;
     }
   }
 

@@ -70,7 +70,8 @@ mqtt::PlantReply RunSide::request(const std::string& payload) const {
 
 std::optional<double> RunSide::least_value(const std::string& signal) const {
   std::optional<double> least;
-  for (const Json& value : Json::parse(live_.values({signal}, ""))["values"])
+  const Json sample = Json::parse(live_.values({signal}, ""));
+  for (const Json& value : sample["values"])
     for (const Json& one : value.is_array() ? value : Json::array({value}))
       if (one.is_number()) least = std::min(least.value_or(one.get<double>()), one.get<double>());
   return least;

@@ -13,6 +13,7 @@ import sys
 import urllib.error
 import urllib.request
 
+HERE = os.path.dirname(os.path.abspath(__file__))
 ROBOT = "lwr4"
 FROM, TO = [0, -0.9, 0, 1.2, 0, 0.6, 0], [1.2, 0.9, 0, -1.2, 0, -0.6, 0]  # rad
 TABLE = {"scene": "table", "base": {"p_m": [0, 0, 0.3105]}, "self": True}  # what the robot stands on and must not meet, nor itself
@@ -85,9 +86,8 @@ def reply_of(response):
 
 def run_cell(program, out, T, coefficients):
     """Runs the cell with a motion; returns ∫ Σ τ_J² dt, the largest |τ_J| per joint and the distance from the target at the end."""
-    here = os.path.dirname(os.path.abspath(__file__))
     values = " ".join(repr(float(c)) for c in coefficients)
-    subprocess.run([program, "run", os.path.join(here, "cell.ssd"), "--out", out, "--overwrite", "--quiet",
+    subprocess.run([program, "run", os.path.join(HERE, "cell.ssd"), "--out", out, "--overwrite", "--quiet",
                     "--set", f"motion.T={T!r}", "--set", f"motion.c_r={values}", "--stop", repr(T)], check=True)
     with open(os.path.join(out, "signals.csv"), newline="") as file:
         rows = list(csv.DictReader(file))
@@ -128,6 +128,19 @@ def main():
     most = gateway.call("POST", "/services/payload", {**move, "T_s": DURATION, "com_m": PART["p_m"]})
     print(f"   it may carry the part of {PART['mass_kg']} kg; the largest one is {most['mass_kg']:.2f} kg, by the torque of {most['limiting']['joint']}")
 
+    # Without naming a service: how fast, and what does that cost? The same two steps for an operator and for a planner.
+    with open(os.path.join(HERE, "order.json")) as file:
+        question = json.load(file)
+    told = {}
+    for audience in ("operator", "planner"):
+        request = {**question, "audience": audience}
+        stored = gateway.call("POST", "/job-orders", {"JobOrderParameters": [{"ID": "Request", "Value": request}]})
+        told[audience] = reply_of(gateway.call("GET", f"/job-responses/{stored['JobOrder']['JobOrderID']}?wait=30"))
+    print(f"   to the operator ({told['operator']['light']}): {told['operator']['sentence']}")
+    for step in told["planner"]["steps"]:
+        figures = ", ".join(f"{figure['name']} {figure['text']}" for figure in step["reply"]["figures"])
+        print(f"   to the planner, {step['service']} ({step['reply']['choice']['row']}): {figures}")
+
     request = {"service": "optimise", **move, "T_min_s": DURATION, "degree": 9, "cost": "torque", "drives": "none", "particles": a.particles, "rounds": a.rounds}
     order = {"JobOrderID": f"better-{os.getpid()}", "Priority": 5, "Description": [{"Locale": "en", "Text": "cheaper motion of cell 12"}],
              "JobOrderParameters": [{"ID": "Request", "Value": request}]}
@@ -153,7 +166,7 @@ def main():
     quintic, _, _ = run_cell(a.program, os.path.join(a.out, "quintic"), T, [0.0] * len(coefficients))
     cheaper, largest, miss = run_cell(a.program, os.path.join(a.out, "cheaper"), T, coefficients)
     report = {"predicted": better["cost"], "run": cheaper, "quintic": quintic, "saved_share": 1 - cheaper / quintic,
-              "prediction_error": abs(cheaper / better["cost"] - 1), "miss_rad": miss, "largest_payload_kg": most["mass_kg"], "largest_torque_Nm": largest, "job": job}
+              "prediction_error": abs(cheaper / better["cost"] - 1), "miss_rad": miss, "largest_payload_kg": most["mass_kg"], "largest_torque_Nm": largest, "job": job, "told": told}
     print(f"6. compare: run {cheaper:.1f} N²m²s, predicted {better['cost']:.1f} ({100 * report['prediction_error']:.1f} % apart); the quintic "
           f"needs {quintic:.1f}, so {100 * report['saved_share']:.1f} % are saved; the robot ends {1e3 * miss:.2f} mrad from its target")
     with open(os.path.join(a.out, "report.json"), "w") as file:

@@ -52,11 +52,13 @@ class Gateway {
   explicit Gateway(const fs::path& out, const std::vector<std::string>& options = {})
       : Gateway(options, out, {"serve", "--port", "0", "--out", out, "--quiet"}) {}
   /// The unit in a run, with everything that clients can ask of it.
-  static Gateway in_run(const fs::path& scenario, const fs::path& out) {
-    const std::string set = "gateway.";
-    return Gateway({"--set", set + "port=0", "--set", set + "url_file=" + (out / "url.txt").string(), "--set",
-                    set + "database=" + (out / "jobs.sqlite").string()},
-                   out, {"run", scenario, "--out", out, "--quiet"});
+  static Gateway in_run(const fs::path& scenario, const fs::path& out, const std::vector<std::string>& more = {}) {
+    std::vector<std::string> options;
+    for (const std::string& value :
+         {std::string("port=0"), "url_file=" + (out / "url.txt").string(), "database=" + (out / "jobs.sqlite").string()})
+      options.insert(options.end(), {"--set", "gateway." + value});
+    for (const std::string& value : more) options.insert(options.end(), {"--set", "gateway." + value});
+    return Gateway(options, out, {"run", scenario, "--out", out, "--quiet"});
   }
   Gateway(const std::vector<std::string>& options, const fs::path& out, std::vector<std::string> arguments) : out_(out) {
     fs::remove(out / "url.txt");
@@ -176,6 +178,65 @@ TEST(ServeCommand, AnswersEachPathAsItsDocumentSays) {
   for (const Gateway* gateway : {&run, &closed, &plain}) command.push_back(std::to_string(gateway->port()));
   const RunResult result = run_command(std::move(command));
   EXPECT_EQ(result.code, 0) << result.out << result.err;
+}
+
+// State, tariff and nearness come from the run and the configuration, and are stored: what happens later does not change the answer.
+TEST(ServeCommand, FillsTheContextOfOrdersFromItsRun) {
+  const TemporaryFolder folder("context");
+  const fs::path scenario = fs::path(cotwin::places::source()) / "tests/components/gateway/openapi.ssd";
+  const Gateway gateway =
+      Gateway::in_run(scenario, folder.path(), {"persons=drive.B[1]", "price_per_kWh=0.25", "co2_per_kWh=0.4"});
+  ASSERT_TRUE(within_patience([&] { return gateway.call("GET", "/run").status == 200; }));
+  const auto set_distance = [&](double d) {
+    EXPECT_EQ(gateway.call("PUT", "/run/tunables/drive.B[1]", "{\"value\": " + std::to_string(d) + "}").status, 200);
+  };
+  const std::string to = R"("robot": "lwr4", "to_q_rad": [0.6, 0.4, 0, -0.7, 0, -0.6, 0])";
+  const auto order = [&](const std::string& id, const std::string& request) {
+    const HttpReply reply =
+        gateway.call("POST", "/job-orders",
+                     R"({"JobOrderID": ")" + id + R"(", "JobOrderParameters": [{"ID": "Request", "Value": )" + request + "}]}");
+    EXPECT_EQ(reply.status, 201) << reply.body;
+    return json::parse(reply.body)["JobOrder"]["JobOrderParameters"][0]["Value"];
+  };
+  const auto reply_of = [&](const std::string& id) {
+    const json response = gateway.get("/job-responses/" + id + "?wait=30");
+    for (const json& item : response["JobResponseData"])
+      if (item["ID"] == "Reply") return item["Value"];
+    return json();
+  };
+  const std::string fastest = R"({"goal": "fastest", )" + to + "}",
+                    cheapest = R"({"goal": "cheapest", "detail": "verdict", )" + to + "}";
+  const json away = order("away", fastest);
+  ASSERT_EQ(away["from_q_rad"].size(), 7u) << away;
+  EXPECT_NEAR(away["from_q_rad"][1].get<double>(), 0, 0.01);  // the robot sinks a little
+  EXPECT_EQ(away["choice"], json::parse(R"({"persons": "away", "row": "duration"})"));
+  const json first = reply_of("away");
+  set_distance(1.5);
+  EXPECT_EQ(order("near", fastest)["choice"], json::parse(R"({"persons": "near", "row": "beside_persons"})"));
+  EXPECT_EQ(reply_of("near")["choice"]["service"], "safety");
+  // The stored order once more.
+  order("again", away.dump());
+  EXPECT_EQ(reply_of("again"), first);
+  // A client that knows better counts.
+  EXPECT_EQ(order("told", R"({"person_m": 7, "goal": "fastest", )" + to + "}")["choice"]["persons"], "away");
+  order("cost", cheapest);
+  const json cost = reply_of("cost");
+  EXPECT_NEAR(cost["price"].get<double>(), cost["energy_J"].get<double>() / 3.6e6 * 0.25, 1e-12);
+  EXPECT_NEAR(cost["co2_kg"].get<double>(), cost["energy_J"].get<double>() / 3.6e6 * 0.4, 1e-12);
+  set_distance(1e12);  // what a monitor has without anybody
+  EXPECT_EQ(order("nobody", fastest)["choice"]["persons"], "unknown");
+  // A service by its name gets nothing of this.
+  EXPECT_EQ(
+      order("plain",
+            R"({"service": "reach", "robot": "lwr4", "poses": [{"p_m": [0.4, 0.2, 0.6], "quaternion_wxyz": [1, 0, 0, 0]}]})")
+          .size(),
+      3u);
+  fs::create_directories(folder.path() / "wrong");
+  const Gateway wrong = Gateway::in_run(scenario, folder.path() / "wrong", {"persons=drive.nothing"});
+  ASSERT_TRUE(within_patience([&] { return wrong.call("GET", "/run").status == 200; }));
+  const HttpReply refused = wrong.call("POST", "/services", fastest);
+  EXPECT_EQ(refused.status, 422);
+  EXPECT_THAT(refused.body, HasSubstr("drive.nothing")) << "what is configured and not there is not unknown";
 }
 
 TEST(ServeCommand, AnswersAsTheProgramDoes) {
@@ -647,6 +708,16 @@ TEST(MesExample, ClientsAskChooseRunWatchAndCompare) {
   EXPECT_LT(report["miss_rad"].get<double>(), 0.02) << report;
   EXPECT_NEAR(report["largest_payload_kg"].get<double>(), 9.28, 0.01) << report;
   EXPECT_THAT(result.out, HasSubstr("job better-"));
+  // The order without a service, in two steps: the operator and the planner get the figures of the services.
+  const json& brief = report["told"]["operator"];
+  EXPECT_EQ(brief["light"], "amber");
+  EXPECT_EQ(brief["sentence"],
+            "The move takes 1.98 s and needs 307 J, which costs 0.0000256; not measured: inertia of motors and 3 more.");
+  const json& steps = report["told"]["planner"]["steps"];
+  EXPECT_EQ(steps[0]["reply"]["choice"]["row"], "duration");
+  EXPECT_EQ(steps[1]["reply"]["choice"]["row"], "cost");
+  EXPECT_NEAR(steps[0]["reply"]["figures"][0]["value"].get<double>(), 1.983, 0.001);
+  EXPECT_EQ(steps[0]["reply"]["figures"][0]["value"], steps[1]["reply"]["figures"][0]["value"]);
 }
 
 }  // namespace
