@@ -10,6 +10,8 @@
 
 #include "components/gateway/api/api.h"
 #include "components/gateway/http/server.h"
+#include "components/gateway/jobs/jobs.h"
+#include "components/services/json/control/control.h"
 #include "tests/benchmarks/measure.h"
 #include "tests/support/http_client.h"
 #include "tests/support/places.h"
@@ -84,6 +86,47 @@ Latency measure_clients(std::uint16_t port, const std::string& request) {
   return {share(all, 0.5), share(all, 0.99), bytes};
 }
 
+/// From the order to the end of four services after one another, without the time of the services themselves: as a chain, and as four
+/// orders of a client who takes the duration from the first answer himself. Medians, s.
+benchmark::Figures measure_chain() {
+  const std::filesystem::path folder =
+      std::filesystem::temp_directory_path() / ("cotwin_chain_benchmark_" + std::to_string(::getpid()));
+  std::filesystem::create_directories(folder);
+  std::vector<double> chain, single;
+  {
+    gateway::JobsOptions options;
+    options.database = folder / "jobs.sqlite";
+    options.command = {places::program(), "ask", "--worker"};
+    options.producer = "benchmark";
+    options.chains = {services::next_step, services::chain_reply, services::chain_problem, services::problem};
+    gateway::Jobs jobs(options);
+    const std::string move = R"("from_q_rad":[0,-0.9,0,1.2,0,0.6,0],"to_q_rad":[1.2,0.9,0,-1.2,0,-0.6,0])";
+    const auto own_time = [&](const std::string& request) {
+      gateway::JobOrder order;
+      order.request = request;
+      order.reuse = false;
+      const double start = benchmark::wall_seconds();
+      const gateway::JobReply stored = jobs.store(order);
+      const auto job = jobs.wait(stored.id, 60);
+      if (!job || job->result != gateway::JobResult::kSuccessful) std::fprintf(stderr, "a job failed\n");
+      return benchmark::wall_seconds() - start - (job ? job->busy_s : 0);
+    };
+    const auto step = [&](const char* service, const std::string& T) {
+      return R"({"service":")" + std::string(service) + "\"," + move + (T.empty() ? "" : ",\"T_s\":" + T) + "}";
+    };
+    (void)own_time(step("cycle_time", ""));  // starts the worker
+    for (int i = 0; i < benchmark::shortened(41, 1); ++i) {
+      const std::string T = "\"$1/T_s\"";
+      chain.push_back(own_time(R"({"steps":[)" + step("cycle_time", "") + "," + step("energy", T) + "," + step("safety", T) +
+                               "," + step("payload", T) + "]}"));
+      single.push_back(own_time(step("cycle_time", "")) + own_time(step("energy", "1.983")) +
+                       own_time(step("safety", "1.983")) + own_time(step("payload", "1.983")));
+    }
+  }
+  std::filesystem::remove_all(folder);
+  return {share(chain, 0.5), share(single, 0.5)};
+}
+
 }  // namespace
 
 int main() {
@@ -123,7 +166,8 @@ int main() {
   const Latency searched = measure_clients(server.port(), shortest);
   benchmark::print(
       {"feasibility over HTTP, shortest T, median", "ms", 1e3 * searched.median, kPeerName, 1e3 * peer.median, 2, false});
-  const Latency health = measure_clients(server.port(), http_request("GET", "/health"));
-  benchmark::print({"GET /health, median", "ms", 1e3 * health.median, kPeerName, 1e3 * peer.median, 0, false});
+  const benchmark::Figures chain = measure_chain();
+  benchmark::print({"a chain of four services as a job, beyond the services, median", "ms", 1e3 * chain.ours,
+                    "four orders one after the other", 1e3 * chain.peer, 20, false});
   return 0;
 }

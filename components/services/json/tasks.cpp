@@ -48,6 +48,16 @@ Task task_of(Json request, const std::string& name, const TaskDefaults& defaults
   return task;
 }
 
+/// What a library says of a chain, in the defaults of its steps; those of the chain itself count.
+void into_defaults(Json& chain) {
+  Json members = Json::object(), own = Json::object();
+  for (auto& [name, value] : chain.items())
+    (name == "steps" || name == "defaults" || name == "audience" || name == "name" ? own : members)[name] = value;
+  if (own.contains("defaults") && own["defaults"].is_object()) members.update(own["defaults"]);
+  own["defaults"] = members;
+  chain = std::move(own);
+}
+
 /// The members of a robot in a library: its name alone or an object.
 Json robot_members(const Json& robot, const std::string& place) {
   if (robot.is_string()) return {{"robot", robot}};
@@ -91,6 +101,7 @@ void cross(const Json& library, const std::string& place, const TaskDefaults& de
       const std::string label = word_of(own, "name");
       own.erase("name");
       request.update(own);
+      if (is_chain(request)) into_defaults(request);
       Task one = task_of(std::move(request), number, defaults);
       if (!label.empty()) one.robot = label;
       tasks.push_back(std::move(one));

@@ -224,6 +224,41 @@ TEST(Tasks, AreCrossedWithRobotsAndDoNotLoseOneAnother) {
     EXPECT_THROW(cotwin::services::read_tasks(bad, "bad", {"lwr4", "", {}}), cotwin::Error) << bad;
 }
 
+// Requests without a service and chains, alone, in lists and in libraries; robots beside the file.
+TEST(Tasks, MayLeaveTheServiceOutAndHaveSteps) {
+  const cotwin::testing::TemporaryFolder folder("orders");
+  fs::copy_file(robots_folder() / "planar2/robot.urdf", folder / "own.urdf");
+  const auto ask = [&](const std::string& order, const std::vector<std::string>& options = {}) {
+    std::ofstream(folder / "order.json") << order;
+    std::vector<std::string> command = {"ask", "--file", folder / "order.json"};
+    command.insert(command.end(), options.begin(), options.end());
+    return run_program(command);
+  };
+  const std::string move = R"("from_q_rad": [0, 0], "to_q_rad": [0.5, 1])";
+  const auto brief =
+      ask(R"({"goal": "fastest", "robot": "own.urdf", "audience": "operator", )" + move + "}", {"--table", "csv"});
+  EXPECT_EQ(brief.code, 0) << brief.err;
+  EXPECT_THAT(brief.out, HasSubstr("own.urdf,cycle_time,"));
+  EXPECT_THAT(brief.out, HasSubstr("The move takes "));
+  const std::string steps = R"("steps": [{"name": "a", "goal": "fastest"}, {"service": "torques", "T_s": "$a/T_s"}])";
+  const auto chain = ask(R"({"defaults": {"robot": "own.urdf", )" + move + "}, " + steps + "}");
+  EXPECT_EQ(chain.code, 0) << chain.err;
+  const json reply = json::parse(chain.out)[0];
+  EXPECT_EQ(reply["service"], "chain");
+  EXPECT_EQ(reply["robot"], "own.urdf");
+  EXPECT_EQ(reply["reply"]["steps"][1]["reply"]["T_s"], reply["reply"]["steps"][0]["reply"]["T_s"]);
+  const auto cross = ask(R"({"robots": ["planar2", "own.urdf"], "defaults": {)" + move + R"(}, "tasks": [{"name": "both", )" +
+                         steps + R"(}, {"goal": "fastest"}, {"goal": "gentle"}, {"steps": [{"goal": "fastest", "T_s": 1}]}]})");
+  EXPECT_EQ(cross.code, 1);
+  const json rows = json::parse(cross.out);
+  ASSERT_EQ(rows.size(), 8U);
+  EXPECT_EQ(rows[1]["task"], "both");
+  EXPECT_EQ(rows[1]["reply"]["steps"][0]["reply"]["T_s"], rows[0]["reply"]["steps"][0]["reply"]["T_s"]);
+  EXPECT_EQ(rows[2]["service"], "cycle_time");
+  for (const std::size_t k : {4U, 5U, 6U, 7U}) EXPECT_TRUE(rows[k].contains("problem")) << k;
+  EXPECT_EQ(rows[7]["problem"]["pointer"], "/steps/0");
+}
+
 TEST(Tasks, FromFilesGiveATableAndAnExitCode) {
   const cotwin::testing::TemporaryFolder folder("tasks");
   std::ofstream(folder / "tasks.json") << kLibrary;
