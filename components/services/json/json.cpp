@@ -201,7 +201,17 @@ std::string answer_object(Robots& robots, const Json& object, const Context& con
   (void)r.has("audience");
   Context own = context;
   own.robots = &robots;
-  const Json reply = reply_to(*robot, r, own);
+  Json reply;
+  try {
+    reply = reply_to(*robot, r, own);
+  } catch (const RequestError& e) {
+    if (choice.is_null()) throw;
+    const Choice& row = row_of(choice);
+    if (e.pointer().empty() ||
+        (e.pointer() != std::string("/") + row.becomes && !Json::parse(row.sets).contains(Json::json_pointer(e.pointer()))))
+      throw;
+    throw RequestError(e.pointer(), e.detail() + "; the goal " + row.goal + " has set it, by the row " + row.name);
+  }
   if (context.only_read) return "";
   must_be_finite(reply);
   return presented(request["service"], audience, whole, choice, reply).dump();

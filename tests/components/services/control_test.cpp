@@ -144,6 +144,11 @@ TEST(Control, RefusesWhatHasSeveralReadingsOrNone) {
   EXPECT_THAT(why(R"({"goal": "fastest", "person_m": -1})"), HasSubstr("/person_m: "));
   EXPECT_THAT(why(R"({"goal": "fastest", "colour": "red"})"), HasSubstr("cycle_time takes no colour"));
   EXPECT_THAT(why(R"({"goal": "fastest", "service": "energy"})"), HasSubstr("/goal: is an unknown member"));
+  EXPECT_THAT(why(R"({"goal": "gentle", "T_s": 1e300})"), HasSubstr("/T_min_s: "));
+  EXPECT_THAT(why(R"({"goal": "cheapest", "deadline_s": 1e-6})"),
+              AllOf(HasSubstr("/T_max_s: "), HasSubstr("the goal cheapest has set it, by the row cheapest_in_time")));
+  EXPECT_THAT(why(R"({"goal": "cheapest", "robot": "ur10", "from_q_rad": [0,0,0,0,0,0], "to_q_rad": [1,0,0,0,0,0]})"),
+              AllOf(HasSubstr("/best: "), HasSubstr("no energy.ssv"), HasSubstr("by the row best_duration")));
   EXPECT_THAT(refusal(robots, Json::object()), HasSubstr("has neither service nor goal"));
   EXPECT_THAT(refusal(robots, Json::array()), HasSubstr("array"));
   // A choice that is none.
@@ -201,7 +206,8 @@ TEST(Control, ShowsALightThatFollowsTheVerdict) {
   EXPECT_EQ(light("unknown", R"({"service": "feasibility", "T_s": 0.5})"), "red");
   EXPECT_EQ(light("measured", R"({"service": "safety", "T_s": 9})"), "green");
   EXPECT_EQ(light("measured", R"({"service": "safety", "T_s": 2})"), "red");
-  EXPECT_EQ(light("unknown", R"({"service": "safety", "T_s": 9})"), "amber");  // safe is null
+  EXPECT_EQ(light("unknown", R"({"service": "safety", "T_s": 9})"), "amber");  // safe is null, the limits are kept
+  EXPECT_EQ(light("unknown", R"({"service": "safety", "T_s": 2})"), "red");    // they are not
   EXPECT_EQ(light("measured", R"({"service": "safety", "T_s": 0.5})"), "red");
 }
 

@@ -185,9 +185,7 @@ Json presented(const std::string& service, const std::string& audience, bool who
   const Pattern& pattern = *std::ranges::find(kPatterns, service, [](const Pattern& p) { return std::string(p.service); });
   Json told;
   if (!choice.is_null()) {
-    const auto row =
-        std::ranges::find(choices(), choice["row"].get<std::string>(), [](const Choice& c) { return std::string(c.name); });
-    told = {{"row", choice["row"]}, {"persons", choice["persons"]}, {"service", service}, {"why", row->why}};
+    told = {{"row", choice["row"]}, {"persons", choice["persons"]}, {"service", service}, {"why", row_of(choice).why}};
     const Json* T = at(reply, "T_cycle_s");
     if (!T) T = at(reply, "T_s");
     if (choice.contains("deadline_s")) {
@@ -206,7 +204,10 @@ Json presented(const std::string& service, const std::string& audience, bool who
   std::string sentence = possible || std::string_view(pattern.verdict) == "feasible"
                              ? filled(good ? pattern.good : pattern.bad, reply)
                              : filled("The move is not possible in {T_s}: {reason}", reply);
-  std::size_t light = good ? 0 : verdict && verdict->is_null() && possible ? 1 : 2;
+  // Of nobody knows: whether what is known keeps the limits.
+  const Json *T = at(reply, "T_s"), *T_safe = at(reply, "T_safe_s");
+  const bool unknown = possible && verdict && verdict->is_null() && T && T_safe && T_safe->get<double>() <= T->get<double>();
+  std::size_t light = good ? 0 : unknown ? 1 : 2;
   const auto add = [&](std::size_t least, const std::string& words) {
     sentence += "; " + words;
     light = std::max(light, least);

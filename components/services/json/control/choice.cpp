@@ -87,6 +87,10 @@ const std::vector<Choice>& choices() {
   return kAll;
 }
 
+const Choice& row_of(const Json& choice) {
+  return *std::ranges::find(choices(), choice["row"].get<std::string>(), [](const Choice& c) { return std::string(c.name); });
+}
+
 namespace {
 
 void check_choice(const Json& request) {
@@ -146,10 +150,8 @@ void choose(Json& request) {
     if (takes.contains(name)) chosen[name] = value;
   const Json sets = Json::parse(row.sets);
   for (const auto& [name, value] : sets.items()) chosen[name] = value;
-  if (*row.time != '\0') {
-    const Json& time = request[row.time];
-    chosen[row.becomes] = time.is_number() ? Json(std::min(time.get<double>(), kLongest)) : time;
-  }
+  if (*row.time != '\0') chosen[row.becomes] = request[row.time];
+  if (std::string_view(row.time) == "deadline_s") chosen[row.becomes] = std::min(request[row.time].get<double>(), kLongest);
   chosen["choice"] = choice;
   request = std::move(chosen);
 }
@@ -158,14 +160,14 @@ Json control_schemas() {
   using namespace schemas;
   const Json audience{{"enum", kAudiences}};
   Json chosen{{"type", "object"},
-                    {"description", "A request without a service: the control chooses it (docs/services.md)"},
-                    {"properties",
-                     {{"goal", {{"enum", kGoals}}},
-                      {"person_m", described(at_least_zero(), "distance of the nearest person; without it unknown")},
-                      {"deadline_s", described(positive(), "seconds until the motion must have ended")},
-                      {"audience", audience}}},
-                    {"anyOf", Json::array()},
-      {"not", {{"anyOf", {{{"required", {"service"}}}, {{"required", {"steps"}}}}}}}};
+              {"description", "A request without a service: the control chooses it (docs/services.md)"},
+              {"properties",
+               {{"goal", {{"enum", kGoals}}},
+                {"person_m", described(at_least_zero(), "distance of the nearest person; without it unknown")},
+                {"deadline_s", described(positive(), "seconds until the motion must have ended")},
+                {"audience", audience}}},
+              {"anyOf", Json::array()},
+              {"not", {{"anyOf", {{{"required", {"service"}}}, {{"required", {"steps"}}}}}}}};
   for (const char* name : {"goal", "poses", "power_max_W", "M_kg"})  // of which each tells a row, or some
     chosen["anyOf"].push_back({{"required", {name}}});
   const Json object{{"type", "object"}};

@@ -29,6 +29,8 @@ struct Choice {
   const char* why;
 };
 const std::vector<Choice>& choices();
+/// The row of a "choice" that choose() has seen.
+const Choice& row_of(const Json& choice);
 
 /// Replaces what a request says in place of a service by the service and "choice": {"row", "persons", "deadline_s"}. A request with a service
 /// stays as it is. Throws RequestError where no row fits or several do, and for a choice that is none.
