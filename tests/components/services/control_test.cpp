@@ -175,6 +175,8 @@ TEST(Control, TellsTheContextInTheLight) {
   EXPECT_EQ(late["choice"]["in_time"], false);
   EXPECT_EQ(late["light"], "red");
   EXPECT_THAT(late["sentence"].get<std::string>(), HasSubstr("later than the deadline in 1 s"));
+  EXPECT_EQ(told(R"({"goal": "fastest", "deadline_s": 2, "person_m": 1})")["choice"]["in_time"], false);  // 3.4 s are safe
+  EXPECT_EQ(told(R"({"goal": "fastest", "deadline_s": 4, "person_m": 1})")["choice"]["in_time"], true);
   const Json in_time = told(R"({"goal": "fastest", "deadline_s": 2, "audience": "operator"})");
   EXPECT_EQ(in_time["choice"]["in_time"], true);
   EXPECT_EQ(in_time["light"], "amber");  // the data of the drives are assumed
@@ -451,6 +453,12 @@ TEST(Chains, RefuseWhatCannotBeAnswered) {
   EXPECT_THAT(why(R"([{"goal": "fastest"}])", R"({"audience": "child"})"), HasSubstr("/audience: "));
   EXPECT_THAT(why(R"([{"goal": "fastest"}])", R"({"audience": 3})"), HasSubstr("/audience: "));
   EXPECT_THAT(why(R"([{"goal": "fastest"}])", R"({"defaults": 3})"), HasSubstr("/defaults: "));
+  EXPECT_THAT(why(R"([{"goal": "fastest", "detail": "all"},
+                   {"service": "energy", "T_s": "$1/series/joints/0/q_rad/99999999999999999999999"}])"),
+              HasSubstr("which did not answer that"));
+  EXPECT_THAT(
+      why(R"([{"goal": "fastest"}, {"goal": "fastest"}])", R"({"defaults": {"x": ")" + std::string(3 << 20, 'x') + "\"}}"),
+      HasSubstr("/defaults: are too large to be members of 2 steps"));
   std::string many = "[";
   for (int i = 0; i < 101; ++i) many += std::string(i ? "," : "") + R"({"goal": "fastest"})";
   EXPECT_THAT(why(many + "]"), HasSubstr("/steps: is no array of 1 to 100"));

@@ -186,11 +186,14 @@ Json presented(const std::string& service, const std::string& audience, bool who
   Json told;
   if (!choice.is_null()) {
     told = {{"row", choice["row"]}, {"persons", choice["persons"]}, {"service", service}, {"why", row_of(choice).why}};
-    const Json* T = at(reply, "T_cycle_s");
-    if (!T) T = at(reply, "T_s");
     if (choice.contains("deadline_s")) {
       told["deadline_s"] = choice["deadline_s"];
-      told["in_time"] = T && T->get<double>() <= choice["deadline_s"].get<double>();
+      // Beside persons the move takes as long as is safe.
+      bool in_time = true;
+      for (const char* T : {"T_cycle_s", "T_s", "T_safe_s"})
+        if (reply.contains(T) && (std::string_view(T) != "T_safe_s" || row_of(choice).near > 0))
+          in_time = in_time && reply[T].is_number() && reply[T].get<double>() <= choice["deadline_s"].get<double>();
+      told["in_time"] = in_time;
     }
   }
   if (audience.empty()) {

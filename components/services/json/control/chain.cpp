@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <map>
 
 #include "components/services/json/control/control.h"
 #include "components/services/json/request.h"
@@ -8,6 +9,7 @@ namespace cotwin::services {
 
 namespace {
 
+constexpr std::size_t kMostBytes = 4 << 20;  // of the defaults in all steps
 using Pointer = Json::json_pointer;
 
 std::string place_of(std::size_t step) { return "/steps/" + std::to_string(step); }
@@ -64,7 +66,7 @@ void check_references(const Json& steps, std::size_t k) {
     } catch (const Json::exception&) {
       throw RequestError(place, "'" + pointer.substr(0, 80) + "' is no JSON pointer, expected one such as $" + name + "/T_s");
     }
-    if (pointer.empty() || !may_have(Json::parse(schema(service))["reply"], at))
+    if (pointer.empty() || !may_have(schemas_of(service)["reply"], at))
       throw RequestError(place, "refers to '" + pointer.substr(0, 80) + "', which " + service + " never answers");
     return Json();
   });
@@ -91,6 +93,10 @@ void settle(Json& request, const std::function<void(Json&, const std::string&)>&
   Json& steps = request["steps"];
   if (!steps.is_array() || steps.empty() || steps.size() > kMostSteps)
     throw RequestError("/steps", "is no array of 1 to " + std::to_string(kMostSteps) + " requests, expected one");
+  if (defaults.dump().size() * steps.size() > kMostBytes)
+    throw RequestError("/defaults", "are too large to be members of " + std::to_string(steps.size()) +
+                                        " steps, expected at most " + std::to_string(kMostBytes) +
+                                        " bytes of all steps together");
   for (std::size_t k = 0; k < steps.size(); ++k) {
     if (!steps[k].is_object()) throw RequestError(place_of(k), "is no object, expected the request of a service");
     Json step = defaults;
@@ -129,17 +135,23 @@ std::string next_step(const std::string& chain, const std::vector<std::string>& 
   const std::size_t k = replies.size();
   if (k >= steps.size()) return "";
   Json step = steps[k];
+  std::map<std::string, Json> parsed;
   for_references(step, place_of(k), [&](const std::string& name, const std::string& pointer, const std::string& place) {
-    std::size_t earlier = 0;
-    while (earlier < k && name_of(steps, earlier) != name) ++earlier;
-    const Json reply = earlier < k ? Json::parse(replies[earlier]) : Json();
-    const Pointer at(pointer);
-    if (!reply.contains(at) || reply[at].is_null()) {
+    Json& reply = parsed[name];
+    for (std::size_t earlier = 0; reply.is_null() && earlier < k; ++earlier)
+      if (name_of(steps, earlier) == name) reply = Json::parse(replies[earlier]);
+    Json value;
+    try {
+      value = reply.at(Pointer(pointer));
+    } catch (const Json::exception&) {
+      // Not there.
+    }
+    if (value.is_null()) {
       const std::string reason = reply.is_object() ? reply.value("reason", "") : "";
       throw RequestError(place, "takes '" + pointer + "' of the step '" + name + "', which did not answer that" +
                                     (reason.empty() ? "" : ": " + reason));
     }
-    return reply[at];
+    return value;
   });
   for (const char* own : {"name", "choice"}) step.erase(own);
   const std::string detail = detail_for(all.value("audience", ""));
@@ -180,7 +192,7 @@ void check_chain(Robots& robots, Json chain) {
     });
     try {
       if (!refers) check_object(robots, step);
-      const Json request = Json::parse(schema(step["service"]))["request"];
+      const Json& request = schemas_of(step["service"])["request"];
       for (const auto& [name, unused] : step.items())
         if (!request["properties"].contains(name))
           throw RequestError("/" + pointer_part(name), "is no member of " + step["service"].get<std::string>());

@@ -18,15 +18,6 @@ constexpr const char *kContext[] = {"goal", "person_m", "deadline_s"}, *kTariff[
 #define COTWIN_END "to_q_rad|to_q_deg|to_q"
 #define COTWIN_PATH "series|waypoints"
 
-const Json& request_schema(const std::string& service) {
-  static std::mutex mutex;
-  static std::map<std::string, Json> all;
-  const std::lock_guard lock(mutex);
-  const auto [at, fresh] = all.try_emplace(service);
-  if (fresh) at->second = Json::parse(schema(service))["request"];
-  return at->second;
-}
-
 bool gives_one_of(const Json& request, std::string_view names) {
   return std::ranges::any_of(text::split(names, '|'), [&](const auto& name) { return request.contains(std::string(name)); });
 }
@@ -41,7 +32,7 @@ std::string obstacle(const Choice& row, const Json& request, const std::string& 
     if (!name.empty() && request.contains(std::string(name))) return std::string(name) + " is given";
   if (row.near > 0 && persons != "near") return "no person is known to be near";
   if (row.near < 0 && persons == "near") return "a person is near";
-  const Json sets = Json::parse(row.sets), &takes = request_schema(row.service)["properties"];
+  const Json sets = Json::parse(row.sets), &takes = schemas_of(row.service)["request"]["properties"];
   for (const auto& [name, value] : request.items()) {
     if (sets.contains(name) ? sets[name] != value : name == row.becomes) return name + " is given, which the goal decides";
     if (std::ranges::find(kContext, name) == std::end(kContext) && name != row.time && !is_tariff(name) &&
@@ -85,6 +76,14 @@ const std::vector<Choice>& choices() {
        "T_max_s",
        "the duration is missing before a deadline: the motion with the least share of the limits of body parts until then"}};
   return kAll;
+}
+
+const Json& schemas_of(const std::string& service) {
+  static std::mutex mutex;
+  static std::map<std::string, Json> all;
+  const std::lock_guard lock(mutex);
+  const auto at = all.find(service);
+  return at != all.end() ? at->second : all.emplace(service, Json::parse(schema(service))).first->second;
 }
 
 const Choice& row_of(const Json& choice) {
@@ -145,7 +144,7 @@ void choose(Json& request) {
   Json choice{{"row", row.name}, {"persons", persons}};
   if (request.contains("deadline_s")) choice["deadline_s"] = request["deadline_s"];
   Json chosen{{"service", row.service}};
-  const Json& takes = request_schema(row.service)["properties"];
+  const Json& takes = schemas_of(row.service)["request"]["properties"];
   for (const auto& [name, value] : request.items())
     if (takes.contains(name)) chosen[name] = value;
   const Json sets = Json::parse(row.sets);

@@ -29,6 +29,8 @@ struct Choice {
   const char* why;
 };
 const std::vector<Choice>& choices();
+/// schema(), read once.
+const Json& schemas_of(const std::string& service);
 /// The row of a "choice" that choose() has seen.
 const Choice& row_of(const Json& choice);
 
