@@ -246,10 +246,10 @@ void Gateway::declare(Variables& v) {
   v.parameter("commands", commands_,
               "whether clients may pause, step and stop the run and set its values; false: they can only watch it");
   v.parameter("address_connections", address_connections_, "most connections of one address at the same time").range(1, 10000);
-  v.parameter(
-      "persons", persons_,
-      "signal of the run that has distances of persons in m, such as monitor.distance, for requests that name no service; the least "
-      "one counts; empty: unknown");
+  v.parameter("persons", persons_,
+              "signal of the run that has distances of persons in m, such as monitor.distance, for requests that name no "
+              "service; the least "
+              "one counts; empty: unknown");
   v.parameter("price_per_kWh", price_per_kWh_, "1", "price of a kilowatt hour, in any currency, for the same; 0: unknown")
       .range(0, 1e9);
   v.parameter("co2_per_kWh", co2_per_kWh_, "kg", "CO2 of a kilowatt hour, for the same; 0: unknown").range(0, 1e9);

@@ -182,7 +182,6 @@ std::string detail_for(const std::string& audience) {
 }
 
 Json presented(const std::string& service, const std::string& audience, bool whole, const Json& choice, Json reply) {
-  const Pattern& pattern = *std::ranges::find(kPatterns, service, [](const Pattern& p) { return std::string(p.service); });
   Json told;
   if (!choice.is_null()) {
     told = {{"row", choice["row"]}, {"persons", choice["persons"]}, {"service", service}, {"why", row_of(choice).why}};
@@ -200,6 +199,7 @@ Json presented(const std::string& service, const std::string& audience, bool who
     if (!told.is_null()) reply["choice"] = told;
     return reply;
   }
+  const Pattern& pattern = *std::ranges::find(kPatterns, service, [](const Pattern& p) { return std::string(p.service); });
   const Json* verdict = *pattern.verdict == '\0' || !reply.contains(pattern.verdict) ? nullptr : &reply[pattern.verdict];
   const bool possible = reply.value("feasible", reply.value("status", "") != "infeasible"),
              good = possible && (!verdict || *verdict == true);
@@ -207,7 +207,7 @@ Json presented(const std::string& service, const std::string& audience, bool who
   std::string sentence = possible || std::string_view(pattern.verdict) == "feasible"
                              ? filled(good ? pattern.good : pattern.bad, reply)
                              : filled("The move is not possible in {T_s}: {reason}", reply);
-  // Of nobody knows: whether what is known keeps the limits.
+  // Where nobody can say: whether what is known keeps the limits.
   const Json *T = at(reply, "T_s"), *T_safe = at(reply, "T_safe_s");
   const bool unknown = possible && verdict && verdict->is_null() && T && T_safe && T_safe->get<double>() <= T->get<double>();
   std::size_t light = good ? 0 : unknown ? 1 : 2;

@@ -72,8 +72,6 @@ void check_references(const Json& steps, std::size_t k) {
   });
 }
 
-Json steps_of(const std::string& chain) { return Json::parse(chain)["steps"]; }
-
 }  // namespace
 
 void settle(Json& request, const std::function<void(Json&, const std::string&)>& complete) {
@@ -220,8 +218,9 @@ std::string chain_reply(const std::string& chain, const std::vector<std::string>
   return reply.dump();
 }
 
-std::string chain_problem(const std::string& chain, std::size_t step, const std::string& problem) {
-  const Json steps = steps_of(chain);
+std::string chain_problem(const std::string& chain, std::size_t failed, const std::string& problem) {
+  const Json all = Json::parse(chain), &steps = all["steps"];
+  const std::size_t step = std::min(failed, steps.size() - 1);
   Json told = Json::parse(problem);
   const std::string pointer = told.value("pointer", "");
   std::string left;

@@ -15,7 +15,6 @@ namespace cotwin::services {
 
 using Json = nlohmann::ordered_json;
 
-/// A member of the context that the table looks at; the others are members of services, too.
 inline constexpr double kNear_m = 1.6;  // a person who is nearer counts as near: what one walks in a second (ISO 13855)
 
 /// A row of the table.
@@ -54,7 +53,7 @@ void check_chain(Robots& robots, Json chain);
 /// {"steps": [{"name", "service", "reply"}, …]} for its audience.
 std::string chain_reply(const std::string& chain, const std::vector<std::string>& replies);
 /// The problem of a step as one of the chain.
-std::string chain_problem(const std::string& chain, std::size_t step, const std::string& problem);
+std::string chain_problem(const std::string& chain, std::size_t failed, const std::string& problem);
 
 /// The reply as its reader wants it. `audience`: "operator", "planner", "engineer", or "": nobody in particular. `choice`: of the request,
 /// null without one. `whole`: nothing is left out.
