@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <map>
 #include <optional>
 
 #include "components/gateway/api/api.h"
@@ -92,12 +93,20 @@ struct Gateway::Running {
     if (jobs) jobs->close();
   }
 
-  /// What requests leave to the gateway: the present posture of the run, the service, and the context from which it is chosen.
+  /// What requests leave to the gateway: the present posture of the run, the service, and the context from which it is chosen, which is
+  /// the same for all steps of a chain.
   void fill(Json& request, const RunSide& run_side) {
     const live::PostureName posture = [this](const Json& r) { return services::posture_member(robots, r, "from_q"); };
+    const auto now = std::chrono::system_clock::now();
+    std::optional<Json> context;
+    std::map<Json, Json> starts;  // by robot
     must_settle(request, [&](Json& one, const std::string& pointer) {
       try {
-        if (!one.contains("service")) add_context(one, run_side, posture);
+        if (!one.contains("service")) {
+          if (!context) context = context_of(run_side);
+          add_context(one, *context, now);
+          add_start(one, starts[one.value("robot", Json())], run_side, posture);
+        }
         run_side.fill(one, posture);
       } catch (http::Refusal& refused) {
         refused.problem.pointer.insert(0, pointer);
@@ -106,34 +115,45 @@ struct Gateway::Running {
     });
   }
 
-  /// The context of a request that names no service, as far as it says nothing of it.
-  void add_context(Json& request, const RunSide& run_side, const live::PostureName& posture) const {
-    const auto add = [&](const char* name, double value) {
+  /// Tariff and nearness, as far as they are known.
+  Json context_of(const RunSide& run_side) const {
+    Json context = Json::object();
+    if (parameters.price_per_kWh > 0) context["price_per_kWh"] = parameters.price_per_kWh;
+    if (parameters.co2_per_kWh > 0) context["co2_kg_per_kWh"] = parameters.co2_per_kWh;
+    if (parameters.persons.empty()) return context;
+    const auto distance = run_side.least_value(parameters.persons);
+    if (distance && *distance < kNoPair) context["person_m"] = std::max(0.0, *distance);
+    return context;
+  }
+
+  static void add_context(Json& request, const Json& context, std::chrono::system_clock::time_point now) {
+    for (const auto& [name, value] : context.items())
       if (!request.contains(name)) request[name] = value;
-    };
-    if (parameters.price_per_kWh > 0) add("price_per_kWh", parameters.price_per_kWh);
-    if (parameters.co2_per_kWh > 0) add("co2_kg_per_kWh", parameters.co2_per_kWh);
-    if (!parameters.persons.empty() && !request.contains("person_m"))
-      if (const auto distance = run_side.least_value(parameters.persons); distance && *distance < kNoPair)
-        add("person_m", std::max(0.0, *distance));
-    if (request.contains("deadline")) {
-      const auto time = request["deadline"].is_string() ? time_of(request["deadline"].get<std::string>()) : std::nullopt;
-      if (!time) throw refusal(422, "is no time, expected one such as 2026-11-22T08:00:00Z", "/deadline");
-      if (request.contains("deadline_s")) throw refusal(422, "is given beside deadline_s, expected one of them", "/deadline");
-      request.erase("deadline");
-      add("deadline_s", std::chrono::duration<double>(*time - std::chrono::system_clock::now()).count());
+    if (!request.contains("deadline")) return;
+    const auto time = request["deadline"].is_string() ? time_of(request["deadline"].get<std::string>()) : std::nullopt;
+    if (!time) throw refusal(422, "is no time, expected one such as 2026-11-22T08:00:00Z", "/deadline");
+    if (request.contains("deadline_s")) throw refusal(422, "is given beside deadline_s, expected one of them", "/deadline");
+    request.erase("deadline");
+    request["deadline_s"] = std::chrono::duration<double>(*time - now).count();
+  }
+
+  /// The posture of the run in a request that says nothing of its beginning. `start`: {member: posture} of an earlier one, or null.
+  void add_start(Json& request, Json& start, const RunSide& run_side, const live::PostureName& posture) const {
+    for (const char* given : {"from", "from_q_rad", "from_q_deg", "from_q", "series", "waypoints", "poses"})
+      if (request.contains(given)) return;
+    if (start.is_null()) {
+      start = Json{{"from", "run"}};
+      if (request.contains("robot")) start["robot"] = request["robot"];
+      try {
+        run_side.fill(start, posture);
+        start.erase("robot");
+      } catch (const http::Refusal& refused) {
+        // The run does not have one robot: the service tells that it needs a start.
+        if (refused.problem.status != 422) throw;
+        start = Json::object();
+      }
     }
-    for (const char* start : {"from", "from_q_rad", "from_q_deg", "from_q", "series", "waypoints", "poses"})
-      if (request.contains(start)) return;
-    try {
-      Json beginning = request;
-      beginning["from"] = "run";
-      run_side.fill(beginning, posture);
-      request = std::move(beginning);
-    } catch (const http::Refusal& refused) {
-      // The run does not have one robot: the service tells that it needs a start.
-      if (refused.problem.status != 422) throw;
-    }
+    request.update(start);
   }
 
   JobsOptions job_options() {

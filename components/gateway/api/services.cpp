@@ -131,10 +131,12 @@ Response answer_now(services::Robots& robots, const Json& object) {
   }
 }
 
-void answer_by_job(const std::shared_ptr<JobBoard>& board, const Request& request, const Json& object, bool promised,
-                   const http::Reply& reply) {
+/// `asked`: the request before the gateway filled it in.
+void answer_by_job(const std::shared_ptr<JobBoard>& board, const Request& request, const Json& object, std::string asked,
+                   bool promised, const http::Reply& reply) {
   JobOrder order;
   order.request = object.dump();
+  order.asked = std::move(asked);
   const JobReply stored = store_for(board->jobs(), request, order);
   const double seconds =
       request.field("Prefer") != nullptr || request.query_value("wait") != nullptr ? wait_of(request) : kPatience;
@@ -290,6 +292,7 @@ void add_service_routes(http::Router& router, services::Robots& robots, const st
   const auto answer = [&robots, board, fill](const Request& request, Json object, const http::Reply& reply) {
     const std::string* const prefer = request.field("Prefer");
     const bool promised = prefer != nullptr && http::preference(*prefer, "respond-async").has_value();
+    std::string asked = object.dump();
     if (fill) fill(object);
     const bool takes_long = is_long(object);
     if (!board && takes_long)
@@ -300,7 +303,7 @@ void add_service_routes(http::Router& router, services::Robots& robots, const st
       if (request.scope != http::Scope::kOperate)
         throw refusal(403, "the token may read only, expected one with the scope operate: the answer is a job");
       expect_answerable(robots, object);
-      return answer_by_job(board, request, object, promised, reply);
+      return answer_by_job(board, request, object, std::move(asked), promised, reply);
     }
     reply(answer_now(robots, object));
   };

@@ -35,8 +35,8 @@ Task task_of(Json request, const std::string& name, const TaskDefaults& defaults
     Json& members = is_chain(request) ? request["defaults"] : request;
     if (members.is_null() || members.is_object()) {
       if (!members.contains("robot")) members["robot"] = defaults.robot;
-      if (!members.contains("detail") && !defaults.detail.empty() && !request.contains("audience"))
-        members["detail"] = defaults.detail;
+      if (!members.contains("detail") && !defaults.detail.empty()) members["detail"] = defaults.detail;
+      if (!members.contains("detail") && !request.contains("audience") && defaults.brief) members["detail"] = "verdict";
       task.robot = word_of(members, "robot");
     }
     beside(members, defaults.folder);

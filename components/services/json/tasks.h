@@ -27,6 +27,7 @@ struct TaskDefaults {
   std::string robot;   // of tasks that name none
   std::string detail;  // of tasks that have none; "": that of the services
   std::filesystem::path folder;
+  bool brief = false;  // tasks without detail and audience have the verdict
 };
 std::vector<Task> read_tasks(std::string_view text, const std::string& place, const TaskDefaults& defaults);
 

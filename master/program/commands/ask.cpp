@@ -228,9 +228,8 @@ int ask_files(const AskArguments& a, services::Robots& robots, const services::C
     if (!in) throw Error(file.string(), "cannot be read, expected a file with requests");
     const std::string content{std::istreambuf_iterator<char>(in), {}};
     // A table has room for verdicts.
-    const std::string detail = !a.detail.empty() ? a.detail : a.table.empty() ? "" : "verdict";
-    for (services::Task& task : services::read_tasks(content, file.string(), {a.robot, detail, file.parent_path()}))
-      tasks.push_back(std::move(task));
+    const services::TaskDefaults defaults{a.robot, a.detail, file.parent_path(), !a.table.empty()};
+    for (services::Task& task : services::read_tasks(content, file.string(), defaults)) tasks.push_back(std::move(task));
   }
   const std::vector<services::Row> rows = services::ask_all(robots, tasks, context);
   if (a.table.empty())

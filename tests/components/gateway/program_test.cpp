@@ -219,6 +219,18 @@ TEST(ServeCommand, FillsTheContextOfOrdersFromItsRun) {
   EXPECT_EQ(reply_of("again"), first);
   // A client that knows better counts.
   EXPECT_EQ(order("told", R"({"person_m": 7, "goal": "fastest", )" + to + "}")["choice"]["persons"], "away");
+  // A chain has one context, and its key stands for what was sent.
+  const std::string steps =
+      R"({"JobOrderParameters": [{"ID": "Request", "Value": {"defaults": {"deadline": "2099-01-01T00:00:00Z", )" + to +
+      R"(}, "steps": [{"goal": "fastest"}, {"goal": "possible", "T_s": "$1/T_s"}]}}]})";
+  const HttpReply stored = gateway.call("POST", "/job-orders", steps, "Idempotency-Key: chain\r\n"),
+                  repeated = gateway.call("POST", "/job-orders", steps, "Idempotency-Key: chain\r\n");
+  EXPECT_EQ(stored.status, 201) << stored.body;
+  EXPECT_EQ(repeated.status, 200) << repeated.body;
+  const json chain = json::parse(stored.body)["JobOrder"]["JobOrderParameters"][0]["Value"];
+  EXPECT_EQ(chain["steps"][0]["from_q_rad"], chain["steps"][1]["from_q_rad"]);
+  EXPECT_EQ(chain["steps"][0]["choice"]["deadline_s"], chain["steps"][1]["choice"]["deadline_s"]);
+  EXPECT_EQ(chain["steps"][1]["choice"]["persons"], "near");
   order("cost", cheapest);
   const json cost = reply_of("cost");
   EXPECT_NEAR(cost["price"].get<double>(), cost["energy_J"].get<double>() / 3.6e6 * 0.25, 1e-12);
