@@ -189,6 +189,10 @@ int ask_one(const AskArguments& a, services::Robots& robots, services::Context c
   for (const fs::path& map : a.maps) report::check_map_file(map);
   if (!a.maps.empty() && request.value("detail", "") == "verdict")
     throw Error("--map", "is given with the detail verdict, which tells no goals, expected another one");
+  const std::string audience = request.contains("audience") ? request["audience"].dump() : "";
+  if ((a.motion || !a.maps.empty()) && (audience == "\"operator\"" || audience == "\"planner\"") && !request.contains("detail"))
+    throw Error(a.motion ? "--motion" : "--map",
+                "is given for the audience " + audience + ", whose reply has no motions, expected a detail beside it");
   std::optional<RowFile> rows;
   if (a.rows) context.rows = &rows.emplace(*a.rows);
   // Only the whole reply has the motion, and it takes a search.

@@ -375,6 +375,27 @@ TEST(AskCommand, RefusesOptionsThatWouldHaveNoEffect) {
   EXPECT_EQ(run_program({"ask", "--file", file}).code, 0);
 }
 
+// A motion that is not possible is not written, whoever asks.
+TEST(AskCommand, WritesNoMotionFromABriefAnswer) {
+  const cotwin::testing::TemporaryFolder folder("brief");
+  std::vector<std::string> command = {"ask",        "feasibility", "--from",   "0,0,0,0,0,0,0",       "--to",  "1,0,0,0,0,0,0",
+                                      "--duration", "0.1",         "--motion", folder / "motion.ssv", "--with"};
+  const auto with = [&](const std::string& members) {
+    std::vector<std::string> all = command;
+    all.push_back(members);
+    return run_program(all);
+  };
+  EXPECT_THAT(
+      with(R"({"audience": "operator"})").err,
+      HasSubstr("--motion: is given for the audience \"operator\", whose reply has no motions, expected a detail beside it"));
+  for (const char* members : {R"({"audience": "operator", "detail": "verdict"})", R"({"audience": "engineer"})"})
+    EXPECT_THAT(with(members).err, HasSubstr("not written, the move is not feasible")) << members;
+  EXPECT_FALSE(fs::exists(folder / "motion.ssv"));
+  command[7] = "3";
+  EXPECT_EQ(with(R"({"audience": "planner", "detail": "margins"})").code, 0);
+  EXPECT_TRUE(fs::exists(folder / "motion.ssv"));
+}
+
 TEST(AskCommand, ListsTheRobotsAndTheirData) {
   const auto run = run_program({"ask", "--list-robots"});
   ASSERT_EQ(run.code, 0) << run.err;
