@@ -378,7 +378,8 @@ def check_control(g):
     move = {k: v for k, v in MOVE.items() if k != "from_q_rad"}
     reply, _ = g.call("POST", "/services", 200, body={**move, "goal": "fastest", "audience": "operator"})
     expect(set(reply) == {"choice", "sentence", "light"} and reply["choice"]["row"] == "duration", "operator", reply)
-    reply, _ = g.call("POST", "/services", 200, body={**MOVE, "goal": "cheapest", "audience": "planner", "deadline": "2099-01-01T00:00:00Z"},
+    reply, _ = g.call("POST", "/services", 200, body={**MOVE, "goal": "cheapest", "audience": "planner", "deadline": "2099-01-01T00:00:00Z",
+                                                      "particles": 16, "rounds": 5, "refine": False},
                       fields={"Prefer": "wait=30"})
     expect(reply["choice"]["service"] == "optimise" and reply["choice"]["in_time"] is True, "deadline", reply)
     g.call("POST", "/services", 422, body={**MOVE, "goal": "cheapest", "deadline": "2001-01-01T00:00:00Z"}, well_formed=True)
