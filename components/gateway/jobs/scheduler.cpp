@@ -227,7 +227,7 @@ void Scheduler::dispatch(Lock& lock) {
   }
 }
 
-/// Ends a job whose request cannot be answered; the caller has set nothing.
+/// Ends a job whose request cannot be answered, and saves it.
 void Scheduler::end_with_problem(Job& job, const std::string& problem, UtcTime now) {
   const auto told = nlohmann::json::parse(problem);
   const auto detail = told.find("detail");

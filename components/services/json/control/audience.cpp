@@ -173,8 +173,6 @@ Json figures_of(const Pattern& pattern, const Json& reply) {
   return figures;
 }
 
-const char* kLights[] = {"green", "amber", "red"};
-
 }  // namespace
 
 std::string detail_for(const std::string& audience) {

@@ -203,14 +203,13 @@ void check_chain(Robots& robots, Json chain) {
 std::string chain_reply(const std::string& chain, const std::vector<std::string>& replies) {
   const Json all = Json::parse(chain), &steps = all["steps"];
   const std::string audience = all.value("audience", "");
-  const std::vector<std::string> lights = {"green", "amber", "red"};
   Json told = Json::array(), last;
   for (std::size_t k = 0; k < replies.size(); ++k) {
     const std::string service = steps[k]["service"].get<std::string>();
     const bool whole = audience.empty() || audience == "engineer" || steps[k].contains("detail");
     const Json reply = presented(service, audience, whole, steps[k].value("choice", Json()), Json::parse(replies[k]));
     told.push_back({{"name", name_of(steps, k)}, {"service", service}, {"reply", reply}});
-    const auto rank = [&](const Json& one) { return std::ranges::find(lights, one.value("light", "green")); };
+    const auto rank = [&](const Json& one) { return std::ranges::find(kLights, one.value("light", "green")); };
     if (last.is_null() || rank(reply) >= rank(last)) last = reply;
   }
   Json reply{{"steps", told}};

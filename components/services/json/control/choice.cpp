@@ -181,7 +181,7 @@ Json control_schemas() {
   const Json reply = Object()
                          .must("steps", array_of(Object().must("name", kText).must("service", kText).must("reply", object)))
                          .may("sentence", kText)
-                         .may("light", {{"enum", {"green", "amber", "red"}}});
+                         .may("light", {{"enum", kLights}});
   return {{"chosen", chosen}, {"chain", chain}, {"chain_reply", reply}};
 }
 

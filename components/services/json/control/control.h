@@ -63,6 +63,7 @@ std::string detail_for(const std::string& audience);
 
 inline constexpr std::size_t kMostSteps = 100;
 inline const std::vector<std::string> kAudiences = {"operator", "planner", "engineer"};
+inline const std::vector<std::string> kLights = {"green", "amber", "red"};
 /// Requests without a service, chains, and the replies to these: {"chosen", "chain", "chain_reply"}.
 Json control_schemas();
 /// Adds what a request may leave to the control, and what a reply then has.
