@@ -138,6 +138,7 @@ int run(int argc, char** argv) {
   add_inspection(app, chosen);
   add_catalogue(app, chosen);
   add_tune(app, chosen);
+  add_anomaly(app, chosen);
   add_excite(app, chosen);
   add_perturb(app, chosen);
   add_fit_energy(app, chosen);

@@ -21,6 +21,7 @@ using Chosen = std::function<int()>;
 
 /// Add subcommands to the program. The one that is named on the command line sets `chosen`.
 void add_run(CLI::App& app, Chosen& chosen);
+void add_anomaly(CLI::App& app, Chosen& chosen);
 void add_pack(CLI::App& app, Chosen& chosen);
 void add_inspection(CLI::App& app, Chosen& chosen);  // info, check
 void add_catalogue(CLI::App& app, Chosen& chosen);   // units, describe, reference

@@ -4,12 +4,12 @@
 #include <array>
 #include <iostream>
 #include <memory>
-#include <numbers>
 #include <optional>
 #include <thread>
 
 #include "master/program/commands/commands.h"
 #include "master/program/interrupt.h"
+#include "master/program/log_options.h"
 #include "master/program/progress_line.h"
 #include "master/results/results_folder.h"
 #include "master/run/identity.h"
@@ -19,8 +19,6 @@
 #include "models/foundation/support/choice.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
-#include "models/trajectory/axes.h"
-#include "models/trajectory/columns.h"
 
 namespace cotwin::master {
 
@@ -32,8 +30,8 @@ struct TuneArguments {
   tuning::Settings settings;
   std::string robot;
   fs::path out, resume;
-  std::string method = "swarm", friction = "sigmoid", torques = "motor", time_unit = "s", angle_unit = "rad";
-  std::vector<double> q_offset_in_angle_unit;
+  std::string method = "swarm", friction = "sigmoid", torques = "motor";
+  LogOptions log;
   std::optional<int> rounds, threads;
   bool accept_result = false, no_offset = false, no_viscous = false, quiet = false, cross_validate = false, overwrite = false;
   double checkpoint = 10;  // s
@@ -51,15 +49,7 @@ tuning::Settings settings_of(const TuneArguments& a) {
   s.model.motor_inertia = text::choose<bool>("--torques", a.torques, {{"motor", true}, {"joint", false}});
   s.model.offset = !a.no_offset;
   s.model.viscous = !a.no_viscous;
-  s.format.t_unit = trajectory::seconds_per("--time-unit", a.time_unit);
-  s.format.angle_unit = text::choose<double>("--angle-unit", a.angle_unit, {{"rad", 1}, {"deg", std::numbers::pi / 180}});
-  s.format.q_offset = a.q_offset_in_angle_unit;
-  if (s.format.angle_unit != 1 && !s.format.q_offset.empty()) {
-    const std::vector<trajectory::Axis> axes = trajectory::axes_of(tuning::load_robot(s));
-    for (std::size_t j = 0; j < std::min(axes.size(), s.format.q_offset.size()); ++j) {
-      if (axes[j].revolute) s.format.q_offset[j] *= s.format.angle_unit;
-    }
-  }
+  a.log.apply(s);
   if (a.rounds) s.rounds = *a.rounds;
   tuning::check(s);
   return s;
@@ -231,42 +221,7 @@ void add_tune(CLI::App& app, Chosen& chosen) {
       ->capture_default_str();
   in(search, command->add_option("--resume", a.resume, "Resume the stopped tuning in FOLDER"), "FOLDER");
 
-  const std::string log = "The log";
-  in(log, command->add_option("--cutoff", s.cutoff, "Zero-phase low-pass filter in Hz (default: from the motion)"), "HZ");
-  in(log, command->add_option("--order", s.order, "Order of the filter, per pass"), "N")->capture_default_str();
-  in(log, command->add_option("--margin", s.margin, "Seconds omitted at both ends (default: 1/cutoff)"), "SECONDS");
-  in(log, command->add_option("--q-columns", s.format.q_columns, "Names or pattern of the position columns, e.g. 'pos_{}'"),
-     "NAMES");
-  in(log, command->add_option("--dq-columns", s.format.dq_columns, "For velocities, to check the positions"), "NAMES");
-  in(log, command->add_option("--tau-columns", s.format.tau_columns, "For torques"), "NAMES");
-  in(log,
-     command->add_option("--motor-columns", s.format.theta_columns,
-                         "For motor positions behind the gears: friction at the motors' speeds, and joint stiffness"),
-     "NAMES");
-  in(log, command->add_option("--t-column", s.format.t_column, "Name of the time column"), "NAME");
-  in(log, command->add_option("--time-unit", a.time_unit, "s, ms, us or ns"), "")->capture_default_str();
-  in(log, command->add_option("--rate", s.format.rate, "Sampling rate, if there is no time column"), "HZ");
-  in(log, command->add_option("--angle-unit", a.angle_unit, "rad or deg"), "")->capture_default_str();
-  in(log, command->add_option("--q-scale", s.format.q_scale, "Per joint: sign or gear ratio of the positions")->delimiter(','),
-     "X,…");
-  in(log,
-     command
-         ->add_option("--q-offset", a.q_offset_in_angle_unit,
-                      "Per joint: offset added to the positions, in --angle-unit; prismatic joints in m")
-         ->delimiter(','),
-     "X,…");
-  in(log,
-     command->add_option("--tau-scale", s.format.tau_scale, "Per joint: sign, gear ratio or torque constant of the torques")
-         ->delimiter(','),
-     "X,…");
-  in(log, command->add_option("--max-gap", s.format.max_gap, "Time steps longer than N medians are gaps"), "N")
-      ->capture_default_str();
-  in(log,
-     command->add_option("--skip-rows", s.skip_rows,
-                         "Share of rows that may be left out as unreadable, not finite, out of order or too fast; 0: none"),
-     "SHARE")
-      ->capture_default_str();
-  in(log, command->add_flag("--accept-data", s.accept_data, "Implausible data give a warning instead of an error"), "");
+  add_log_options(*command, a.log, s);
   command->add_flag("--accept-result", a.accept_result,
                     "Exit code 0 even if the log is found to be wrong, or torques are predicted badly");
   command->add_flag("--quiet", a.quiet, "No progress bar and no table; warnings and verdicts all the same");
