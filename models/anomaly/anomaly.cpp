@@ -32,7 +32,6 @@ Watch::Watch(const robot::RobotModel& robot, const TorqueModel& model, bool moto
   for (auto* v : {&fastest_, &steepest_, &sigma_, &peak_, &mean_spread_, &resting_, &saturated_, &compared_}) v->resize(n_);
   beta_.resize(kFits * n_);
   x_.resize(capacity_);
-  raw_.resize(causes_);
   charts_.resize(causes_ + n_);
   events_.reserve(kMostEvents);
   reset();
@@ -42,14 +41,15 @@ void Watch::reset() {
   restart();
   for (auto* v : {&resting_, &saturated_, &compared_}) std::ranges::fill(*v, 0.0);
   events_.clear();
-  current_ = {};
+  last_ = pending_ = {};
+  told_ = 0;
   baselines_ = moving_ = outside_ = found_ = 0;
 }
 
 void Watch::restart() {
   for (auto* v : {&open_, &fastest_, &steepest_, &beta_, &sigma_, &peak_, &mean_spread_}) std::ranges::fill(*v, 0.0);
   std::ranges::fill(charts_, Chart{});
-  ready_ = closed_ = elapsed_ = useful_ = hold_ = from_ = 0;
+  ready_ = closed_ = elapsed_ = useful_ = hold_ = from_ = preparing_ = pooled_ = 0;
 }
 
 /// Where a block has the sums of cause k at joint i.
@@ -77,6 +77,7 @@ void Watch::add(double t, double h, const double* dq, const double* ddq, const d
     elapsed_ = useful_ = 0;
     return;
   }
+  if (preparing_ != 0) return prepare();
   if (elapsed_ == 0) open_[0] = t - h;
   elapsed_ += h;
   bool outside = false;
@@ -139,7 +140,7 @@ void Watch::close_block(double t) {
     if (ready_ != 0) {
       watch(t);
     } else if (closed_ >= static_cast<double>(capacity_)) {
-      finish();
+      preparing_ = 1;
     }
   }
   std::ranges::fill(open_, 0.0);
@@ -191,15 +192,21 @@ bool Watch::advance(Chart& chart, double z, double usual) {
   const double w = chart.follows != 0 ? white(z, chart.before) : z;
   chart.before = z;
   chart.follows = 1;
-  const double k =
-      std::max(kLeastReference, 0.5 * chart.dead * white.gain() * usual) + 0.5 * chart.doubt * white.gain() * usual;
+  const double k = std::max(kLeastReference, 0.5 * chart.dead * white.gain() * usual) + chart.doubt * white.gain() * usual;
   chart.sum.add(std::clamp(w, -k - kClip, k + kClip), k);
   return chart.sum.largest() > chart.limit;
 }
 
 void Watch::watch(double t) {
   if (hold_ > 0) {
-    if (--hold_ == 0) conclude();
+    if (--hold_ == 0) return conclude(t);
+    if (told_ != 0 || pending_.spread) return;
+    Event surer = pending_;
+    const double from = from_;
+    explain(surer);
+    surer.found = t;
+    if (sure(surer, kVerySure)) tell(pending_ = surer);
+    from_ = from;
     return;
   }
   const double* const newest = block(static_cast<std::size_t>(closed_) - 1);
@@ -211,7 +218,7 @@ void Watch::watch(double t) {
     const double* const own = newest + 1 + kPerJoint * j;
     if (sigma_[j] == 0 || own[kCount] == 0) continue;
     const double up = own[kGreatest], down = -own[kLeast];
-    const double least = std::isfinite(limit_[j]) ? options_.least * limit_[j] : 0;
+    const double least = std::isfinite(limit_[j]) ? kBlowOfLimit * limit_[j] : 0;
     const double times = std::max(up, down) / std::max(kPeak * peak_[j], least);
     if (!(times > 1)) continue;
     event.joints |= std::uint64_t{1} << j;
@@ -251,7 +258,7 @@ void Watch::watch(double t) {
     if (rises && first == 0 && !event.brief) alarm(chart, true, static_cast<int>(j));
   }
   if (first == 0 && !event.brief) return;
-  const double kept = std::min(static_cast<double>(capacity_), closed_);
+  const double kept = std::min({static_cast<double>(capacity_), closed_, kLongest});
   from_ = closed_ - std::clamp(age, 1.0, kept);
   if (!event.brief) {
     event.since = block(static_cast<std::size_t>(from_))[0];
@@ -260,17 +267,27 @@ void Watch::watch(double t) {
     if (explain(event) < kExplained && spreads) {
       from_ = from;
       describe_spread(event = scatter);
-    } else if (std::abs(event.size) < kSure * event.deviation) {
-      return;
     }
   }
   hold_ = kHold;
+  pending_ = event;
+  told_ = 0;
+  if (sure(event, kVerySure)) tell(event);
+}
+
+/// Whether a change is `times` its deviation, and large enough to matter; of a spread, whether it has that share of the squares' logarithm.
+bool Watch::sure(const Event& event, double times) const {
+  if (event.brief) return true;
+  if (event.spread) return 2 * std::log(event.size) >= times / kSure * std::log(kScatter);
+  return event.which >= 0 &&
+         std::abs(event.size) >= std::max(times * event.deviation, 0.5 * charts_[static_cast<std::size_t>(event.which)].dead);
+}
+
+void Watch::tell(const Event& event) {
+  told_ = 1;
   found_ += 1;
-  if (events_.size() < kMostEvents) {
-    events_.push_back(event);
-  } else {
-    current_ = event;
-  }
+  last_ = event;
+  if (events_.size() < kMostEvents) events_.push_back(event);
 }
 
 template <class Take>
@@ -366,10 +383,10 @@ void Watch::describe_spread(Event& event) const {
   event.joints = std::uint64_t{1} << j;
 }
 
-/// The size of the change is known as well as it will be. What follows is compared with what follows first.
-void Watch::conclude() {
-  Event& event = found_ <= static_cast<double>(kMostEvents) ? events_.back() : current_;
-  Event lasting = event;
+/// The size of the change is known as well as it will be. One that is not certain by now was none. Else what follows is compared with what follows
+/// first.
+void Watch::conclude(double t) {
+  Event event = pending_, lasting = pending_;
   const double from = from_;
   const bool explained = explain(lasting) >= kExplained && lasting.concerns(static_cast<std::size_t>(event.joint));
   if (explained || (lasting.which >= 0 && !event.brief && !event.spread)) {
@@ -380,7 +397,15 @@ void Watch::conclude() {
     const double usual = std::exp(mean_spread_[static_cast<std::size_t>(event.joint)]);
     if (event.spread || sum.d > kPeak * kPeak * usual * sum.information) describe_spread(event);
   }
-  if (!event.brief) return restart();
+  if (told_ != 0) {
+    event.since = std::min(event.since, event.found);
+    if (found_ <= static_cast<double>(kMostEvents)) events_.back() = event;
+    last_ = event;
+  } else if (sure(event, kSure)) {
+    event.found = t;
+    tell(event);
+  }
+  if (told_ != 0 && !event.brief) return restart();
   for (Chart& chart : charts_) chart.sum = {}, chart.follows = 0;
 }
 

@@ -35,8 +35,8 @@ inline constexpr double kLeastBlocks = 10;  // of a baseline, that tell somethin
 /// Not judged are: joints with friction at rest (slower than 0.05 rad/s), where friction is anything; torques at their limit; motions 1.3 times as
 /// fast or accelerated as any of the baseline; passive joints; causes that fewer than 10 blocks of the baseline tell something about.
 ///
-/// A change is told when its size is 3 times as large as its deviation, and estimated again 5 s later. Then a new baseline begins: what follows is
-/// compared with the robot as it is now. A blow that is over by then needs none.
+/// A change is told as soon as its size is 5 times its deviation, or if it is 3 times 5 s after the alarm; its size is estimated again at that time.
+/// Then a new baseline begins: what follows is compared with the robot as it is now. A blow that is over by then needs none.
 class Watch {
  public:
   /// `robot`: its limits and joints. Throws Error for more than 32 joints.
@@ -49,16 +49,15 @@ class Watch {
   /// The next sample, at t, `h` s after the one before; 0: there is none, or a gap between. Values must be finite. `model` must be evaluated at it.
   void add(double t, double h, const double* dq, const double* ddq, const double* tau);
 
-  /// Ends the baseline early; false if it is too short.
+  /// Ends the baseline early; false if it is too short. Takes longer than a step of a run may.
   bool finish();
+  /// The baseline is long enough, and complete after some more samples, or with finish().
+  bool due() const { return preparing_ != 0; }
 
   bool ready() const { return ready_ != 0; }       // the baseline is complete
   double baselines() const { return baselines_; }  // that were completed
   std::span<const Event> events() const { return events_; }
-  /// The last of them.
-  const Event& latest() const {
-    return found_ <= static_cast<double>(kMostEvents) && !events_.empty() ? events_.back() : current_;
-  }
+  const Event& latest() const { return last_; }                     // of them
   static constexpr std::size_t kMostJoints = 32, kMostEvents = 64;  // of which the first are kept
   double count() const { return found_; }                           // of all events
   double motion() const { return moving_; }                         // s in which at least one joint could be judged
@@ -89,6 +88,12 @@ class Watch {
     return std::abs(dq) < slow_[j] && (motor_ || model_.has_friction(static_cast<int>(j)));
   }
   void fit(std::size_t j, std::size_t blocks);
+  void learn(int k, std::size_t blocks);
+  double learnt() const;  // causes with a chart
+  void limit(Chart& chart, double usual) const;
+  void standardise(int k, std::size_t blocks);
+  void learn_spread(std::size_t j, std::size_t blocks);
+  void prepare();
   double* block(std::size_t k) { return blocks_.data() + k % capacity_ * width_; }
   std::size_t term(int k, std::size_t i) const;
   template <class Take>
@@ -105,7 +110,9 @@ class Watch {
   Score squares(std::size_t j) const;
   double explain(Event& event);
   void describe_spread(Event& event) const;
-  void conclude();
+  bool sure(const Event& event, double times) const;
+  void tell(const Event& event);
+  void conclude(double t);
   template <class Self, class Visit>
   static void visit(Self& self, Visit&& visit);
 
@@ -116,7 +123,7 @@ class Watch {
   std::vector<double> limit_, floor_;  // N.m per joint: of torque, or infinity; least deviation
   std::vector<char> passive_;
   std::vector<double> slow_, sign_;  // rad/s: of rest, and over which friction changes its sign
-  std::vector<double> x_, raw_;      // scratch of finish
+  std::vector<double> x_;            // scratch
 
   // State.
   std::vector<double> blocks_;                      // the last `capacity_`
@@ -127,9 +134,9 @@ class Watch {
   std::vector<double> resting_, saturated_, compared_;
   std::vector<Chart> charts_;  // causes, then spreads of joints
   std::vector<Event> events_;
-  Event current_;  // of those that events_ has no room for
+  Event pending_, last_;  // that is being estimated; that was told last
   double ready_ = 0, baselines_ = 0, closed_ = 0, elapsed_ = 0, useful_ = 0, moving_ = 0, outside_ = 0, found_ = 0, hold_ = 0,
-         from_ = 0;
+         from_ = 0, told_ = 0, preparing_ = 0, pooled_ = 0;
 };
 
 }  // namespace cotwin::anomaly

@@ -17,10 +17,12 @@ void Watch::visit(Self& self, Visit&& visit) {
     visit(c.before), visit(c.follows), visit(c.sum.up), visit(c.sum.down), visit(c.sum.up_age), visit(c.sum.down_age);
   }
   for (auto& event : self.events_) visit_event(event, visit);
-  visit_event(self.current_, visit);
+  visit_event(self.pending_, visit);
+  visit_event(self.last_, visit);
   visit(self.ready_), visit(self.baselines_), visit(self.closed_), visit(self.elapsed_), visit(self.useful_),
       visit(self.moving_), visit(self.outside_);
-  visit(self.found_), visit(self.hold_), visit(self.from_);
+  visit(self.found_), visit(self.hold_), visit(self.from_), visit(self.told_);
+  visit(self.preparing_), visit(self.pooled_);
 }
 
 void Watch::write(ByteWriter& out) const {
@@ -55,13 +57,16 @@ void Watch::read(ByteReader& in) {
   });
   constexpr double kMostBlocks = 1e12;
   expect(closed_ >= 0 && closed_ <= kMostBlocks && from_ >= 0 && from_ <= closed_ && hold_ >= 0 && hold_ <= kHold);
-  expect(found_ >= static_cast<double>(size) && (hold_ == 0 || found_ >= 1) &&
+  expect(preparing_ >= 0 && preparing_ <= static_cast<double>(2 * (n_ + causes_)) &&
+         (preparing_ == 0 || (closed_ >= kLeastBlocks && closed_ <= static_cast<double>(capacity_))));
+  expect(found_ >= static_cast<double>(size) && (told_ == 0 || found_ >= 1) &&
          (size == kMostEvents || found_ == static_cast<double>(size)));
   const auto check = [&](const Event& e) {
     expect(e.joint >= 0 && e.joint < static_cast<int>(n_) && e.which >= -1 && e.which < static_cast<int>(causes_));
   };
   std::ranges::for_each(events_, check);
-  check(current_);
+  check(pending_);
+  check(last_);
 }
 
 }  // namespace cotwin::anomaly

@@ -81,6 +81,7 @@ Sums read(Tuned& tuned, const tuning::Settings& log, const tuning::Data& data, c
       const double* const tau = &block.tau[row];
       tuned.model.evaluate(&block.q[row], &block.dq[row], &block.ddq[row]);
       watch.add(block.t[k], step <= kLost * data.smoothing.step ? step : 0, &block.dq[row], &block.ddq[row], tau);
+      if (watch.due()) watch.finish();
       if (!of_log) continue;
       sums.samples += 1;
       for (std::size_t j = 0; j < n; ++j) {

@@ -21,7 +21,7 @@ class RecordingReader {
 
   /// Reads the next sample; false at the end.
   bool next();
-  double t() const { return t_; }                     // s since the first sample,
+  double t() const { return t_; }                    // s since the first sample,
   double begin() const { return first_ * t_unit_; }  // whose time in the file this is
   std::size_t line() const { return csv_.line(); }
 
