@@ -59,14 +59,6 @@ std::size_t Watch::term(int k, std::size_t i) const {
   return 1 + kPerJoint * n_ + kPerTerm * at;
 }
 
-/// Calls take(i) for each joint i whose torque cause k changes.
-template <class Take>
-void Watch::each_joint(int k, Take&& take) const {
-  const Cause cause = model_.cause(k);
-  if (cause == Cause::kFriction || cause == Cause::kContact) return take(static_cast<std::size_t>(model_.joint(k)));
-  for (std::size_t i = 0; i < n_; ++i) take(i);
-}
-
 bool Watch::judges_now(std::size_t j, double dq, double tau) const {
   return passive_[j] == 0 && !rests(j, dq) && std::abs(tau) < kAtLimit * limit_[j];
 }

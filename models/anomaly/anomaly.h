@@ -96,8 +96,13 @@ class Watch {
   void prepare();
   double* block(std::size_t k) { return blocks_.data() + k % capacity_ * width_; }
   std::size_t term(int k, std::size_t i) const;
+  /// Calls take(i) for each joint i whose torque cause k changes.
   template <class Take>
-  void each_joint(int k, Take&& take) const;
+  void each_joint(int k, Take&& take) const {
+    const Cause cause = model_.cause(k);
+    if (cause == Cause::kFriction || cause == Cause::kContact) return take(static_cast<std::size_t>(model_.joint(k)));
+    for (std::size_t i = 0; i < n_; ++i) take(i);
+  }
   Score score(const double* block, int k) const;
   double spread(const double* block, std::size_t j) const;
   bool tells(const double* block, std::size_t j) const;
