@@ -43,7 +43,7 @@ Anomaly::Anomaly(Settings& settings)
       drives_(model_.drives),
       filter_(n_, 10) {
   if (n_ == 0) throw Error(place_, "robot '" + robot_.name + "' has no movable joint, expected at least one");
-  for (Values* v : {&q_, &dq_, &tau_, &residual_, &rms_, &squares_, &torque_squares_, &changed_}) v->assign(n_, 0.0);
+  for (Values* v : {&q_, &dq_, &tau_, &residual_, &rms_, &samples_, &squares_, &torque_squares_, &changed_}) v->assign(n_, 0.0);
   make_watch();
 }
 
@@ -64,7 +64,7 @@ void Anomaly::declare(Variables& v) {
           "each step");
 
   joints.output("residual", residual_, "N.m", "filtered torque less that of the robot, of the last sample");
-  joints.output("rms", rms_, "N.m", "its RMS since the robot was last changed on purpose");
+  joints.output("rms", rms_, "N.m", "its RMS in motion, since the robot was last changed on purpose");
   v.output("changed_since", changed_, "s", "per joint: time since which it has changed; -1: no change was found");
   v.output("comparing", comparing_,
            "0: the baseline is being taken, or nothing is measured; 1: what is measured is compared with it");
@@ -90,7 +90,7 @@ void Anomaly::declare(Variables& v) {
   v.state("measured", measured_, "s", "t_measured of the last measurement");
   v.state("settled", settled_, "s", "time since the last gap");
   v.state("since_sample", since_sample_, "s", "time since the last sample");
-  v.state("samples", samples_, "1", "in rms");
+  v.state("samples", samples_, "1", "in rms, per joint");
   v.state("gap", gap_, "whether the filter begins again with the next measurement");
   joints.state("squares", squares_, "1", "sum of the squared residuals in rms");
   joints.state("torque_squares", torque_squares_, "1", "the same of the measured torques");
@@ -108,12 +108,12 @@ void Anomaly::initialise(Time) {
   std::ranges::fill(filter_.state(), 0.0);
   filter_.restored();
   measured_ = std::isfinite(t_measured_) ? t_measured_ : 0;
-  settled_ = since_sample_ = samples_ = 0;
+  settled_ = since_sample_ = 0;
   gap_ = true;
   skipped_ = 0;
   warning_.reserve(std::string_view(kOther).size());
   warning_.clear();
-  for (Values* v : {&residual_, &rms_, &squares_, &torque_squares_}) std::ranges::fill(*v, 0.0);
+  for (Values* v : {&residual_, &rms_, &samples_, &squares_, &torque_squares_}) std::ranges::fill(*v, 0.0);
   write_outputs();
 }
 
@@ -126,8 +126,7 @@ bool Anomaly::follow_robot() {
   for (const auto& row : robot::kDriveParameters) std::ranges::copy(drives_.*row.values, (model_.drives.*row.values).begin());
   model_.update();
   watch_->restart();
-  samples_ = 0;
-  for (Values* v : {&squares_, &torque_squares_}) std::ranges::fill(*v, 0.0);
+  for (Values* v : {&samples_, &squares_, &torque_squares_}) std::ranges::fill(*v, 0.0);
   return true;
 }
 
@@ -169,23 +168,27 @@ StepResult Anomaly::step(Time now, Duration h) {
 
 void Anomaly::sample(double t, double h) {
   model_.evaluate(filter_.q().data(), filter_.dq().data(), filter_.ddq().data());
-  samples_ += 1;
   for (std::size_t j = 0; j < n_; ++j) {
     residual_[j] = robot_.joints[j].passive ? 0 : filter_.tau()[j] - model_.tau()[static_cast<Eigen::Index>(j)];
+    if (!watch_->judges_now(j, filter_.dq()[j], filter_.tau()[j])) continue;
+    samples_[j] += 1;
     squares_[j] += residual_[j] * residual_[j];
-    rms_[j] = std::sqrt(squares_[j] / samples_);
     torque_squares_[j] += filter_.tau()[j] * filter_.tau()[j];
+    rms_[j] = std::sqrt(squares_[j] / samples_[j]);
   }
   watch_->add(t, h, filter_.dq().data(), filter_.ddq().data(), filter_.tau().data());
-  if (samples_ == kSettle) check_robot();
+  if (warning_.empty()) check_robot();
 }
 
-/// Tells it at once if the model explains nothing of most joints' torques.
+/// Tells it at once if the model does not render the torques of half of the joints that move.
 void Anomaly::check_robot() {
-  std::size_t off = 0;
-  for (std::size_t j = 0; j < n_; ++j)
-    off += unexplained(rms_[j], std::sqrt(torque_squares_[j] / samples_), robot_.joints[j].tau_max) ? 1 : 0;
-  if (2 * off > n_) warning_.assign(kOther);
+  std::size_t moving = 0, off = 0;
+  for (std::size_t j = 0; j < n_; ++j) {
+    if (samples_[j] < kSettle) continue;
+    ++moving;
+    off += beyond(rms_[j], std::sqrt(torque_squares_[j] / samples_[j]), robot_.joints[j].tau_max) ? 1 : 0;
+  }
+  if (off > 0 && 2 * off >= moving) warning_.assign(kOther);
 }
 
 void Anomaly::write_outputs() {
@@ -245,13 +248,12 @@ void Anomaly::append_notes(std::vector<std::string>& sentences) const {
     add(text::to_text(watch_->count(), 9) + " changes were found, of which these are the first");
   if (watch_->outside() > 0)
     add("not judged: " + text::to_text(watch_->outside(), 3) + " s of motions beyond those of the baseline");
-  if (samples_ == 0) return;
   std::string indices;
   for (std::size_t j = 0; j < n_; ++j) {
     const std::optional<double> index = maturity(rms_[j], robot_.joints[j].tau_max);
-    indices += (j > 0 ? " " : "") + (index ? text::to_text(100 * *index, 2) : "unknown");
+    indices += (j > 0 ? " " : "") + (index && samples_[j] > 0 ? text::to_text(100 * *index, 2) : "unknown");
   }
-  add("maturity, RMS of the residual in percent of the limit of torque per joint: " + indices);
+  add("maturity, RMS of the residual in motion in percent of the limit of torque per joint: " + indices);
 }
 
 }  // namespace cotwin::anomaly

@@ -60,14 +60,14 @@ class Anomaly final : public Unit {
 
   Values q_, dq_, tau_;  // inputs
   bool enabled_ = true;
-  double t_measured_ = kEachStep;                                       // s
-  double cutoff_ = 10, bridge_ = 0.1, baseline_ = 60;                   // parameters
-  double measured_ = 0, settled_ = 0, since_sample_ = 0, samples_ = 0;  // states, s
+  double t_measured_ = kEachStep;                         // s
+  double cutoff_ = 10, bridge_ = 0.1, baseline_ = 60;     // parameters
+  double measured_ = 0, settled_ = 0, since_sample_ = 0;  // states, s
   bool gap_ = true;
   std::int32_t skipped_ = 0;
 
   std::int32_t comparing_ = 0, count_ = 0, joint_ = 0, hint_ = 0, kind_ = 0;  // outputs
-  Values residual_, rms_, squares_, torque_squares_, changed_;
+  Values residual_, rms_, samples_, squares_, torque_squares_, changed_;
   std::string warning_;
   double since_ = 0, found_ = 0, size_ = 0, deviation_ = 0, torque_ = 0;
 };

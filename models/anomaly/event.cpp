@@ -29,9 +29,11 @@ std::string describe(const Event& event, const TorqueModel& model, const std::ve
       break;
     case Cause::kContact:
       break;
-    case Cause::kEncoder:
-      return cause + " of joint " + std::to_string(model.joint(event.which) + 1) + signed_text(1, slide ? " m" : " rad") +
-             ", " + torque + at;
+    case Cause::kEncoder: {
+      const int k = model.joint(event.which);
+      const bool linear = joints[static_cast<std::size_t>(k)].type == robot::JointType::kPrismatic;
+      return cause + " of joint " + std::to_string(k + 1) + signed_text(1, linear ? " m" : " rad") + ", " + torque + at;
+    }
   }
   return cause + at + signed_text(1, slide ? " N" : " N.m");
 }

@@ -11,10 +11,12 @@ inline std::optional<double> maturity(double rms, double limit) {
   return limit > 0 && std::isfinite(limit) ? std::optional(rms / limit) : std::nullopt;
 }
 
-/// Whether the torques are not those of this robot at all: the residual is larger than the torque itself, and not small.
-inline bool unexplained(double rms, double torque_rms, double limit) {
-  constexpr double kSmall = 0.04;  // beyond the last band
-  return rms > torque_rms && maturity(rms, limit).value_or(1) > kSmall;
+/// Whether a joint's torque is not that of the tuned robot: beyond the last band; without a limit, a residual larger than the torque itself. Where half
+/// of the joints that move are so, it is another robot.
+inline bool beyond(double rms, double torque_rms, double limit) {
+  constexpr double kLastBand = 0.04;
+  const std::optional<double> index = maturity(rms, limit);
+  return index ? *index > kLastBand : rms > torque_rms;
 }
 
 /// The band of an index.

@@ -8,6 +8,7 @@
 #include "master/workflows/tuning/data.h"
 #include "models/anomaly/maturity.h"
 #include "models/foundation/support/error.h"
+#include "models/foundation/support/file_hash.h"
 #include "models/foundation/support/text.h"
 
 namespace cotwin::master {
@@ -87,9 +88,9 @@ Sums read(Tuned& tuned, const tuning::Settings& log, const tuning::Data& data, c
       for (std::size_t j = 0; j < n; ++j) {
         const double r = tau[j] - tuned.model.tau()[static_cast<Eigen::Index>(j)];
         sums.squares[j] += r * r;
-        sums.torques[j] += tau[j] * tau[j];
         if (!watch.judges_now(j, block.dq[row + j], tau[j])) continue;
         sums.moving[j] += r * r;
+        sums.torques[j] += tau[j] * tau[j];
         sums.count[j] += 1;
       }
     }
@@ -134,11 +135,18 @@ void compare_with_healthy(std::vector<JointVerdict>& joints, const std::vector<s
 }  // namespace
 
 bool AnomalyReport::something() const {
-  return found > 0 || std::ranges::any_of(joints, [](const JointVerdict& j) { return j.other || j.unexplained; });
+  return found > 0 || std::ranges::any_of(joints, [](const JointVerdict& j) { return j.other || j.beyond; });
 }
 
 AnomalyReport find_anomalies(const AnomalySettings& settings, const tuning::Hooks& hooks) {
   tuning::Settings log = settings.log;
+  const auto expect_other = [&](const char* option, const std::vector<fs::path>& files) {
+    for (const fs::path& file : files)
+      if (hash_of_file(file) == hash_of_file(settings.log.data.front()))
+        throw Error(option, file.string() + " has the bytes of the log that is compared with it, expected another one");
+  };
+  expect_other("--reference", settings.reference);
+  expect_other("--healthy", settings.healthy);
   const bool with_reference = !settings.reference.empty();
   if (with_reference) {
     log.held_out = log.data;
@@ -181,21 +189,26 @@ AnomalyReport find_anomalies(const AnomalySettings& settings, const tuning::Hook
   for (const anomaly::Event& event : report.events)
     report.sentences.push_back(anomaly::describe(event, tuned.model, tuned.robot.joints));
 
+  std::size_t moving = 0, beyond = 0;
   for (std::size_t j = 0; j < n; ++j) {
     const robot::Joint& joint = tuned.robot.joints[j];
     JointVerdict v;
     v.name = joint.name;
     v.unit = joint.type == robot::JointType::kPrismatic ? "N" : "N.m";
     v.rms = sums.rms(sums.squares, j, sums.samples);
-    const double torque = sums.rms(sums.torques, j, sums.samples);
+    const double torque = sums.rms(sums.torques, j, sums.count[j]);
     v.index = anomaly::maturity(v.rms, joint.tau_max);
     v.moving_rms = sums.rms(sums.moving, j, sums.count[j]);
-    v.unexplained = !joint.passive && anomaly::unexplained(v.rms, torque, joint.tau_max);
+    v.beyond = v.moving_rms > 0 && anomaly::beyond(v.moving_rms, torque, joint.tau_max);
+    moving += v.moving_rms > 0 ? 1 : 0;
+    beyond += v.beyond ? 1 : 0;
     v.compared = watch->compared(j);
     v.resting = watch->resting(j);
     v.saturated = watch->saturated(j);
     report.joints.push_back(v);
   }
+  if (2 * beyond < moving)
+    for (JointVerdict& joint : report.joints) joint.beyond = false;
 
   std::vector<std::vector<double>> healthy;
   for (const fs::path& file : settings.healthy) {

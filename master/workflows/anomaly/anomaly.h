@@ -32,7 +32,7 @@ struct JointVerdict {
   double moving_rms = 0;              // of the samples that are judged,
   std::optional<double> high;         // and the largest that healthy logs let expect
   bool other = false;                 // more than that
-  bool unexplained = false;           // the model does not explain the torque at all
+  bool beyond = false;                // not rendered at all, as half of the joints that move
   double compared = 0;                // s with the baseline;
   double resting = 0, saturated = 0;  // could not be
 };

@@ -24,7 +24,7 @@ std::string verdict(const AnomalyReport& report, std::size_t j) {
     add(what + " since " + seconds(event.since));
   }
   const JointVerdict& joint = report.joints[j];
-  if (joint.unexplained) add("not the torque of this robot");
+  if (joint.beyond) add("not the torque of the tuned robot");
   if (joint.other) add("another robot than the healthy one");
   if (!words.empty()) return words;
   if (joint.compared == 0 && !joint.high) return "not judged";
@@ -51,7 +51,7 @@ void write_text(std::ostream& out, const AnomalyReport& report) {
   if (report.again) out << "  What came after the last change was not judged: it is shorter than a baseline.\n";
   out << "\nIs it another robot than the tuned one? ";
   const bool known = std::ranges::any_of(report.joints, [](const JointVerdict& j) { return j.high.has_value(); });
-  const bool other = std::ranges::any_of(report.joints, [](const JointVerdict& j) { return j.other || j.unexplained; });
+  const bool other = std::ranges::any_of(report.joints, [](const JointVerdict& j) { return j.other || j.beyond; });
   out << (other ? "Yes, at the joints below.\n" : known ? "No: residuals as in the healthy logs.\n" : "Not known.\n");
 
   const bool seven = report.joints.size() == anomaly::kPaperMaturity.size();
@@ -124,7 +124,7 @@ nlohmann::ordered_json to_json(const AnomalyReport& report) {
                            {"band", anomaly::maturity_band(v.index)},
                            {"moving_rms", v.moving_rms},
                            {"healthy_rms", optional(v.high)},
-                           {"other_robot", v.other || v.unexplained},
+                           {"other_robot", v.other || v.beyond},
                            {"compared_s", v.compared},
                            {"verdict", verdict(report, k)}});
   }

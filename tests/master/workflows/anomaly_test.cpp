@@ -133,7 +133,7 @@ TEST_F(AnomalyOfLogs, AsksHealthyLogsWhetherItIsAnotherRobot) {
   EXPECT_GT(nothing["joints"][0]["healthy_rms"], nothing["joints"][0]["moving_rms"]);
   // A fault that is there from the beginning: only this question sees it.
   SyntheticLog worn = log;
-  worn.tau_C *= 1.6;
+  worn.tau_C *= 1.2;
   const std::string bad = write("bad.csv", 6, worn, robot);
   const json other = figures(with_healthy(bad), 1);
   EXPECT_EQ(other["count"], 0);
@@ -203,6 +203,8 @@ TEST_F(AnomalyOfLogs, RefusesWhatItIsNotGiven) {
   for (const char* baseline : {"nan", "1", "-5", "1e9"}) EXPECT_EQ(judge({file, "--baseline", baseline}).code, 2) << baseline;
   const RunResult same = judge({file, "--reference", file});
   EXPECT_EQ(same.code, 2) << "a log compared with itself says nothing";
+  EXPECT_THAT(same.err, HasSubstr("--reference: "));
+  EXPECT_EQ(judge({file, "--healthy", write("a.csv", 2), file, write("b.csv", 3)}).code, 2);
   const RunResult full =
       run_program({"anomaly", file, "--robot", (folder / "robot.urdf").string(), "--json", "/nowhere/x.json"});
   EXPECT_EQ(full.code, 2);
