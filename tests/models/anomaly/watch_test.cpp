@@ -23,8 +23,11 @@ using namespace anomaly;
 using testing::error_of;
 
 robot::RobotModel robot_of(const std::string& name) {
-  return robot::load_urdf(places::source() + "/models/robots/" + name + "/robot.urdf");
+  const bool path = name.find('/') != std::string::npos;
+  return robot::load_urdf(places::source() + (path ? "/tests/" + name : "/models/robots/" + name + "/robot.urdf"));
 }
+/// What stands for a limit of torque that a robot does not have.
+double limit_of(const robot::Joint& joint) { return std::isfinite(joint.tau_max) ? joint.tau_max : 100; }
 
 /// One sample as it is measured; `truth` is evaluated at it.
 struct Sample {
@@ -54,8 +57,8 @@ struct Session {
   }
   static TorqueModel& with_friction(TorqueModel& model, const robot::RobotModel& robot, double factor) {
     for (std::size_t j = 0; j < robot.joints.size(); ++j) {
-      model.drives.tau_C[j] = 0.05 * factor * robot.joints[j].tau_max;
-      model.drives.sigma2[j] = 0.05 * factor * robot.joints[j].tau_max;
+      model.drives.tau_C[j] = 0.05 * factor * limit_of(robot.joints[j]);
+      model.drives.sigma2[j] = 0.05 * factor * limit_of(robot.joints[j]);
     }
     model.update();
     return model;
@@ -77,7 +80,7 @@ struct Session {
       truth.evaluate(s.q.data(), s.dq.data(), s.ddq.data());
       const double keep = std::exp(-kStep / memory);
       for (std::size_t j = 0; j < n; ++j) {
-        const double limit = std::isfinite(robot.joints[j].tau_max) ? robot.joints[j].tau_max : 100;
+        const double limit = limit_of(robot.joints[j]);
         state[j] = keep * state[j] + std::sqrt(1 - keep * keep) * noise * limit *
                                          numerics::normal({.seed = seed, .stream = k, .round = static_cast<std::uint32_t>(j)});
         s.tau[j] = truth.tau()[static_cast<Eigen::Index>(j)] + state[j];
@@ -280,6 +283,21 @@ TEST(AnomalyWatchJudges, WithGapsInsteadOfSamples) {
     x.run(x.t() + 1.3);
   }
   EXPECT_EQ(x.watch.count(), 0);
+}
+
+TEST(AnomalyWatchJudges, RobotsWithSlidesMimicsAndWithoutLimits) {
+  for (const char* name : {"components/data/finger.urdf", "components/data/gantry.urdf", "components/data/scara.urdf",
+                           "components/data/pusher.urdf"}) {
+    Session x(name);
+    x.run(80);
+    EXPECT_EQ(x.watch.count(), 0) << name;
+    x.run(110, Session::add(1, 0.4));
+    ASSERT_GE(x.watch.count(), 1) << name;
+    const Event& e = x.watch.events()[0];
+    EXPECT_EQ(e.cause, Cause::kFriction) << name << ": " << describe(e, x.model, x.robot.joints);
+    EXPECT_EQ(e.joint, 0) << name;
+    EXPECT_NEAR(e.size, 0.4, 4 * e.deviation) << name;
+  }
 }
 
 TEST(AnomalyWatchMemory, ContinuesToTheSameBits) {
