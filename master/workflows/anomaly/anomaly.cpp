@@ -51,7 +51,7 @@ struct Tuned {
 /// The residuals of one log, joint by joint.
 struct Sums {
   std::vector<double> squares, moving, count, torques;
-  double samples = 0, motion = 0;  // s of motion
+  double samples = 0, motion = 0, before = 0;  // s of motion, and of that in the reference
   double rms(const std::vector<double>& sum, std::size_t j, double number) const {
     return number > 0 ? std::sqrt(sum[j] / number) : 0;
   }
@@ -69,7 +69,7 @@ Sums read(Tuned& tuned, const tuning::Settings& log, const tuning::Data& data, c
     const bool of_log = !with_reference || part == tuning::Part::kHeldOut;
     if (part != before) {
       watch.finish();
-      sums.motion = -watch.motion();
+      sums.before = watch.motion();
       segment = std::numeric_limits<std::size_t>::max();
       before = part;
     }
@@ -95,7 +95,7 @@ Sums read(Tuned& tuned, const tuning::Settings& log, const tuning::Data& data, c
       }
     }
   });
-  sums.motion += watch.motion();
+  sums.motion = watch.motion() - sums.before;
   return sums;
 }
 
@@ -173,12 +173,9 @@ AnomalyReport find_anomalies(const AnomalySettings& settings, const tuning::Hook
     }
   }
   report.motion = sums.motion;
-  double of_reference = 0;  // s
-  for (const measurement::Segment& segment : data.survey.segments) {
-    const bool before = with_reference && segment.file < settings.reference.size();
-    (before ? of_reference : report.duration) += segment.duration;
-  }
-  if (watch->baselines() > 0) report.baseline = with_reference ? of_reference : options.baseline;
+  for (const measurement::Segment& segment : data.survey.segments)
+    if (!with_reference || segment.file >= settings.reference.size()) report.duration += segment.duration;
+  if (watch->baselines() > 0) report.baseline = with_reference ? sums.before : options.baseline;
   report.again = watch->baselines() > 0 && !watch->ready();
   report.outside = watch->outside();
   report.events.assign(watch->events().begin(), watch->events().end());
@@ -224,9 +221,8 @@ AnomalyReport find_anomalies(const AnomalySettings& settings, const tuning::Hook
   if (healthy.size() >= kLeastHealthy) {
     compare_with_healthy(report.joints, healthy);
   } else {
-    report.notes.push_back("whether it is another robot than the tuned one is not known: " + std::to_string(healthy.size()) +
-                           " healthy logs are given, and the variation between days is known from " +
-                           std::to_string(kLeastHealthy) + " on (--healthy)");
+    report.notes.push_back("the variation between days is not known: " + std::to_string(healthy.size()) +
+                           " healthy logs, expected at least " + std::to_string(kLeastHealthy) + " (--healthy)");
     if (report.baseline == 0)
       throw Error(report.files.front(), text::to_text(report.motion, 3) + " s of motion, and no baseline: expected at least " +
                                             text::to_text(anomaly::kLeastBlocks * anomaly::kBlock / kOwnBaseline, 2) +
