@@ -71,7 +71,9 @@ class Session {
 };
 
 robot::RobotModel with_half_a_kilogram(robot::RobotModel robot) {
-  robot::Attachment part{.name = "part", .parent = robot.end_effector().name};
+  robot::Attachment part;
+  part.name = "part";
+  part.parent = robot.end_effector().name;
   part.inertia.mass = 0.5;
   robot::attach(robot, part);
   return robot;

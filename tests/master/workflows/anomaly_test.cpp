@@ -94,7 +94,9 @@ TEST_F(AnomalyOfLogs, FindsNothingInAHealthyLog) {
 
 TEST_F(AnomalyOfLogs, DatesAndNamesAChangeInTheTimeOfTheFile) {
   robot::RobotModel loaded = robot;
-  robot::Attachment load{.name = "load", .parent = robot.end_effector().name};
+  robot::Attachment load;
+  load.name = "load";
+  load.parent = robot.end_effector().name;
   load.inertia.mass = 1;
   robot::attach(loaded, load);
   const std::string heavier = write("heavier.csv", 1, log, loaded);

@@ -122,7 +122,9 @@ TEST(TorqueModelOfAnomalies, HasTheEffectsOfFiniteChanges) {
     with_friction(model, 1);
     with_friction(worn, 1.2);
     robot::RobotModel loaded = robot;
-    robot::Attachment load{.name = "load", .parent = robot.end_effector().name};
+    robot::Attachment load;
+    load.name = "load";
+    load.parent = robot.end_effector().name;
     load.inertia.mass = 1;
     robot::attach(loaded, load);
     TorqueModel heavier(loaded, true);

@@ -134,7 +134,7 @@ INSTANTIATE_TEST_SUITE_P(Robots, AnomalyWatch,
                                            Case{"lwr4", "encoder4", 18, 0.1, 10}, Case{"kr300_r2500", "load", 0, 40, 5},
                                            Case{"kr300_r2500", "friction2", 2, 0.3, 8},
                                            Case{"planar2", "friction1", 1, 0.3, 8}),
-                         [](const auto& info) { return std::string(info.param.robot) + "_" + info.param.name; });
+                         [](const auto& one) { return std::string(one.param.robot) + "_" + one.param.name; });
 
 TEST(AnomalyWatchEvents, TellLoadAtAllJointsThatCarryIt) {
   Session x("ur10e");
