@@ -248,6 +248,9 @@ void Anomaly::append_notes(std::vector<std::string>& sentences) const {
     add(text::to_text(watch_->count(), 9) + " changes were found, of which these are the first");
   if (watch_->outside() > 0)
     add("not judged: " + text::to_text(watch_->outside(), 3) + " s of motions beyond those of the baseline");
+  std::string compared;
+  for (std::size_t j = 0; j < n_; ++j) compared += (j > 0 ? " " : "") + text::to_text(std::round(watch_->compared(j)), 9);
+  if (watch_->baselines() > 0) add("seconds of motion compared with a baseline, per joint: " + compared);
   std::string indices;
   for (std::size_t j = 0; j < n_; ++j) {
     const std::optional<double> index = maturity(rms_[j], robot_.joints[j].tau_max);

@@ -13,7 +13,6 @@ namespace cotwin::anomaly {
 Watch::Watch(const robot::RobotModel& robot, const TorqueModel& model, bool motor, const WatchOptions& options)
     : model_(model),
       motor_(motor),
-      options_(options),
       n_(robot.joints.size()),
       causes_(static_cast<std::size_t>(model.causes())),
       width_(1 + kPerJoint * n_ + kPerTerm * (3 * n_ + n_ * n_)),
@@ -34,16 +33,6 @@ Watch::Watch(const robot::RobotModel& robot, const TorqueModel& model, bool moto
   x_.resize(capacity_);
   charts_.resize(causes_ + n_);
   events_.reserve(kMostEvents);
-  reset();
-}
-
-void Watch::reset() {
-  restart();
-  for (auto* v : {&resting_, &saturated_, &compared_}) std::ranges::fill(*v, 0.0);
-  events_.clear();
-  last_ = pending_ = {};
-  told_ = 0;
-  baselines_ = moving_ = outside_ = found_ = 0;
 }
 
 void Watch::restart() {

@@ -15,13 +15,11 @@
 namespace cotwin::anomaly {
 
 struct WatchOptions {
-  double baseline = 60;   // s of motion at the beginning of the session, with which the rest is compared
-  double interval = 240;  // h, mean time between false alarms of the whole robot, were the blocks independent and normal
-  double least =
-      0.01;  // of the joint's limit of torque: changes of half of it are ignored, and those of friction by a tenth of it
-  friend bool operator==(const WatchOptions&, const WatchOptions&) = default;
+  double baseline = 60;  // s of motion at the beginning of the session, with which the rest is compared
 };
 
+/// Mean time between false alarms of the whole robot, were the blocks independent and normal, h.
+inline constexpr double kFalseAlarm = 240;
 inline constexpr double kBlock = 0.5;       // s
 inline constexpr double kLeastBlocks = 10;  // of a baseline, that tell something about a cause
 
@@ -42,8 +40,6 @@ class Watch {
   /// `robot`: its limits and joints. Throws Error for more than 32 joints.
   Watch(const robot::RobotModel& robot, const TorqueModel& model, bool motor, const WatchOptions& options);
 
-  /// Forgets everything.
-  void reset();
   /// The robot was changed on purpose: a new baseline. Events are kept.
   void restart();
   /// The next sample, at t, `h` s after the one before; 0: there is none, or a gap between. Values must be finite. `model` must be evaluated at it.
@@ -123,7 +119,6 @@ class Watch {
 
   const TorqueModel& model_;
   bool motor_;
-  WatchOptions options_;
   std::size_t n_, causes_, width_, capacity_;
   std::vector<double> limit_, floor_;  // N.m per joint: of torque, or infinity; least deviation
   std::vector<char> passive_;

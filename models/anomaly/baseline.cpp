@@ -78,7 +78,7 @@ double Watch::learnt() const {
 /// The threshold of a chart in which a shift of one unit gives `usual`.
 void Watch::limit(Chart& chart, double usual) const {
   const double sides = 2 * learnt() + static_cast<double>(n_);  // spreads have one
-  const double length = options_.interval * 3600 / kBlock * sides;
+  const double length = kFalseAlarm * 3600 / kBlock * sides;
   chart.limit = std::max(kLeastLimit, threshold(std::max(kLeastReference, 0.5 * chart.dead * usual), length));
 }
 
@@ -108,7 +108,7 @@ void Watch::standardise(int k, std::size_t blocks) {
       effect += block(b)[term(k, i) + kEffect];
     }
     const double rms = std::sqrt(effect / std::max(samples, 1.0));
-    if (rms > 1e-9 && sigma_[i] > 0) chart.dead = std::min(chart.dead, options_.least * limit_[i] / rms);
+    if (rms > 1e-9 && sigma_[i] > 0) chart.dead = std::min(chart.dead, kLeastChange * limit_[i] / rms);
   });
   if (model_.cause(k) == Cause::kFriction && model_.has_friction(model_.joint(k))) chart.dead = kFriction;
   if (!std::isfinite(chart.dead)) chart.dead = 0;

@@ -11,6 +11,7 @@ inline constexpr double kAtLimit = 0.99;                                      //
 inline constexpr double kLeastReference = 0.5, kLeastLimit = 4, kClip = 3.5;  // of CUSUMs
 inline constexpr double kLittle = 0.02;            // of the usual information: the block does not count
 inline constexpr double kSettled = 0.3;            // of the usual information, added to that of each block
+inline constexpr double kLeastChange = 0.01;       // of the limit of torque: a change that matters; half of it is ignored
 inline constexpr double kFriction = 0.2;           // of the tuned friction, a change that matters
 inline constexpr double kPeak = 3;                 // times the largest residual of the baseline
 inline constexpr double kHold = 10;                // blocks in which the size of a change is estimated

@@ -103,7 +103,7 @@ class Textbook {
   std::array<std::vector<double>, kJoints> baseline_;
   std::array<Cusum, kJoints> cusum_;
   int samples_ = 0, blocks_ = 0;
-  double limit_ = threshold(0.5, WatchOptions{}.interval * 3600 / kBlock * 2 * kJoints);
+  double limit_ = threshold(0.5, kFalseAlarm * 3600 / kBlock * 2 * kJoints);
 };
 
 /// 240 sessions of an hour, each with a motion, noise and baseline of its own; noise that is alike for 0.2 s.

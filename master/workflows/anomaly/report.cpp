@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <cmath>
 #include <iomanip>
 #include <nlohmann/json.hpp>
 #include <ostream>
@@ -56,7 +57,7 @@ void write_text(std::ostream& out, const AnomalyReport& report) {
 
   const bool seven = report.joints.size() == anomaly::kPaperMaturity.size();
   out << "\n joint     RMS     of limit  maturity        " << (seven ? "paper  " : "")
-      << (known ? "moving RMS (healthy)    " : "") << "verdict\n";
+      << (known ? "moving RMS (healthy)    " : "") << "compared  verdict\n";
   for (std::size_t j = 0; j < report.joints.size(); ++j) {
     const JointVerdict& v = report.joints[j];
     out << std::setw(4) << j + 1 << "  " << std::setw(8) << text::to_text(v.rms, 3) << ' ' << std::setw(3) << std::left
@@ -68,7 +69,7 @@ void write_text(std::ostream& out, const AnomalyReport& report) {
           << (v.high ? text::to_text(v.moving_rms, 3) + " (up to " + text::to_text(*v.high, 2) + ")" : "—") << std::right
           << "  ";
     }
-    out << verdict(report, j) << '\n';
+    out << std::setw(8) << seconds(std::round(v.compared)) << "  " << verdict(report, j) << '\n';
   }
   out << '\n';
   for (std::size_t j = 0; j < report.joints.size(); ++j) {
@@ -126,6 +127,7 @@ nlohmann::ordered_json to_json(const AnomalyReport& report) {
                            {"healthy_rms", optional(v.high)},
                            {"other_robot", v.other || v.beyond},
                            {"compared_s", v.compared},
+                           {"resting_s", v.resting},
                            {"verdict", verdict(report, k)}});
   }
   j["notes"] = report.notes;
