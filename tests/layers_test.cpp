@@ -179,7 +179,7 @@ const std::map<std::string, std::vector<std::string>> kRooms = {
       "links", ""}},
     {"components/compliance", {"joints", "cartesian/frame", "cartesian", ""}},
     {"components/contact_world", {"engine/solvers", "engine/body", "engine/joints", "engine/accounts", "engine", ""}},
-    {"components/gateway", {"http", "jobs", "live", "mqtt", "api", ""}},
+    {"components/gateway", {"access", "http", "jobs", "live", "mqtt", "api", ""}},
     {"fmu", {"", "archive", "description", "import", "import/unit", "process", "check", "export"}},
     {"master",
      {"scenario",

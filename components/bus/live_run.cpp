@@ -268,7 +268,21 @@ LiveRun::Control::Slot* LiveRun::reserve_slot() {
   return slots_.back().get();
 }
 
-LiveRun::Control::Control(std::shared_ptr<LiveRun> run) : run_(std::move(run)), slot_(run_->reserve_slot()) {}
+std::uint32_t LiveRun::number_of(std::string_view name) {
+  const std::lock_guard lock(naming_);
+  auto found = std::ranges::find(names_, name);
+  if (found == names_.end() && names_.size() >= kMostNames) found = std::ranges::find(names_, "others");
+  if (found == names_.end()) found = names_.insert(names_.end(), std::string(names_.size() + 1 < kMostNames ? name : "others"));
+  return static_cast<std::uint32_t>(found - names_.begin());
+}
+
+std::vector<std::string> LiveRun::names() const {
+  const std::lock_guard lock(naming_);
+  return names_;
+}
+
+LiveRun::Control::Control(std::shared_ptr<LiveRun> run, std::string_view by)
+    : run_(std::move(run)), slot_(run_->reserve_slot()), by_(run_->number_of(by)) {}
 
 LiveRun::Control::~Control() {
   if (open_) slot_->client->cancel(*open_);
@@ -287,7 +301,7 @@ void LiveRun::Control::prepare() {
 }
 
 void LiveRun::Control::ask(RunVerb verb, std::int64_t number, std::size_t values) {
-  open_ = slot_->client->ask({verb, number, slot_->values.data(), values});
+  open_ = slot_->client->ask({verb, number, slot_->values.data(), values, by_});
   if (!open_) throw NoRoom("run", "too many requests wait for it");
 }
 

@@ -2,6 +2,7 @@
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
+#include <filesystem>
 #include <limits>
 #include <memory>
 #include <mutex>
@@ -79,6 +80,7 @@ struct RunFacts {
   std::string clock;                   // "free", "wall", "arrivals", "locked"
   std::string unpausable;              // why the run cannot pause; empty: it can
   std::shared_ptr<RunPage> page = {};  // nullptr: none
+  std::filesystem::path results = {};  // folder; empty: nothing is kept
 };
 
 /// Where the run is.
@@ -97,6 +99,12 @@ enum class RunVerb : std::uint8_t {
   kStop     // ends the run in order, before the next tick
 };
 
+inline constexpr std::pair<const char*, RunVerb> kRunVerbWords[] = {{"set", RunVerb::kSet},
+                                                                    {"pause", RunVerb::kPause},
+                                                                    {"resume", RunVerb::kResume},
+                                                                    {"step", RunVerb::kStep},
+                                                                    {"stop", RunVerb::kStop}};
+
 /// What became of a request.
 enum class RunReply : std::uint8_t {
   kDone,
@@ -110,6 +118,7 @@ class LiveRun {
   static constexpr std::size_t kMaxWatched = 4096;  // elements at once, of all watches together
   static constexpr std::size_t kMaxSet = 256;       // elements in one request
   static constexpr std::size_t kMaxWaiting = 1024;  // elements that wait for their time
+  static constexpr std::size_t kMostNames = 4096;   // of those who send requests; further ones are "others"
   static constexpr std::size_t kNone = ~std::size_t{0};
   static constexpr std::int64_t kAtOnce = std::numeric_limits<std::int64_t>::min();
 
@@ -123,6 +132,9 @@ class LiveRun {
   std::size_t channels() const { return channels_; }
   RunPosition position() const;
   Time time(std::int64_t tick) const { return tick < facts_.ticks ? facts_.start + tick * facts_.tick : facts_.stop; }
+  /// The number of a name of those who send requests, which names() has at that place.
+  std::uint32_t number_of(std::string_view name);
+  std::vector<std::string> names() const;
   /// "drive.q" or "drive.q[2]", counted from 1. Throws Error with the closest name.
   LiveElements find(std::string_view name) const;
 
@@ -188,8 +200,8 @@ class LiveRun {
   /// Requests to the run. For one thread; one request at a time.
   class Control {
    public:
-    /// Throws Error if there are Service::kMaxClients.
-    explicit Control(std::shared_ptr<LiveRun> run);
+    /// `by`: who sends the requests, for the record of the run; "": nobody is named. Throws Error if there are Service::kMaxClients.
+    explicit Control(std::shared_ptr<LiveRun> run, std::string_view by = "");
     ~Control();
     Control(const Control&) = delete;
     Control& operator=(const Control&) = delete;
@@ -214,6 +226,7 @@ class LiveRun {
     friend LiveRun;
     std::shared_ptr<LiveRun> run_;
     Slot* slot_;
+    std::uint32_t by_;
     std::optional<std::uint64_t> open_;
   };
 
@@ -239,6 +252,7 @@ class LiveRun {
     std::int64_t number = 0;  // ticks of kStep; time of kSet, ns, or kAtOnce
     const Value* values = nullptr;
     std::size_t count = 0;
+    std::uint32_t by = 0;  // number of a name
   };
   using Calls = Service<Call, Answer>;
 
@@ -292,6 +306,8 @@ class LiveRun {
   std::shared_ptr<Wake> wake_;
   Calls calls_;
   std::vector<std::unique_ptr<Control::Slot>> slots_;  // each of a client; in use by one Control or none
+  mutable std::mutex naming_;
+  std::vector<std::string> names_{""};  // guarded by naming_; only added to
 };
 
 /// A unit that reads and changes the run that it is part of. The master calls observe() once, after the initialisation of all

@@ -14,6 +14,7 @@
 #include "components/services/json/json.h"
 #include "components/services/robots.h"
 #include "models/foundation/support/atomic_file.h"
+#include "models/foundation/support/choice.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/file_hash.h"
 #include "models/foundation/support/installation.h"
@@ -24,6 +25,7 @@ namespace cotwin::gateway {
 namespace {
 
 const char* const kPlace = "unit:gateway";
+constexpr std::pair<const char*, bool> kLocalWrites[] = {{"owner", false}, {"all", true}};
 constexpr double kNoPair = 1e12;  // m, the distance of unit:monitor where there is nobody
 
 /// The items of a list "a, b", without blanks.
@@ -47,7 +49,7 @@ std::string producer_of(const std::string& program) {
 struct Gateway::Parameters {
   std::string address, tokens, certificate, key, hosts, origins, url_file, robot;
   std::int32_t port = 0, threads = 0, connections = 0;
-  std::string database, program, persons;
+  std::string database, program, persons, local_writes;
   double price_per_kWh = 0, co2_per_kWh = 0;
   std::int32_t workers = 0, address_connections = 0;
   bool operator==(const Parameters&) const = default;
@@ -57,16 +59,20 @@ struct Gateway::Parameters {
 struct Gateway::Running {
   Parameters parameters;
   std::vector<std::string> folders;
+  std::shared_ptr<access::Audit> audit;
   services::Robots robots;
   std::optional<Jobs> jobs;
   std::shared_ptr<JobBoard> board;
   http::Router router;
-  std::shared_ptr<http::Tickets> tickets = std::make_shared<http::Tickets>();
+  std::shared_ptr<access::Tickets> tickets = std::make_shared<access::Tickets>();
   std::optional<http::Server> server;
   std::uint64_t requests = 0, refused = 0, dropped = 0;  // before the last initialise
 
   Running(const Parameters& p, const std::vector<std::string>& robot_folders, const std::string& people, RunSide& run_side)
-      : parameters(p), folders(robot_folders), robots({robot_folders.begin(), robot_folders.end()}, p.robot, false, people) {
+      : parameters(p),
+        folders(robot_folders),
+        audit(run_side.audit()),
+        robots({robot_folders.begin(), robot_folders.end()}, p.robot, false, people) {
     if (!p.robot.empty()) (void)robots.find(p.robot);
     if (!p.database.empty()) {
       jobs.emplace(job_options());
@@ -198,17 +204,20 @@ struct Gateway::Running {
     o.port = static_cast<std::uint16_t>(parameters.port);
     o.certificate = parameters.certificate;
     o.key = parameters.key;
-    if (!parameters.tokens.empty()) o.tokens = http::Tokens::load(parameters.tokens);
+    o.token_file = parameters.tokens;
+    o.local_writes = text::choose(std::string(kPlace) + ".local_writes", parameters.local_writes, kLocalWrites);
+    o.audit = audit;
     o.authority.hosts = {"localhost"};
     for (const std::string& host : items(parameters.hosts)) {
-      const std::optional<std::string> name = http::host_of(host);
+      const std::optional<std::string> name = access::host_of(host);
       if (name != host)
         throw Error(std::string(kPlace) + ".hosts",
                     "'" + host + "' is no host, expected names or addresses in lower case without ports");
       o.authority.hosts.push_back(host);
     }
     o.authority.origins = items(parameters.origins);
-    for (const std::string& origin : o.authority.origins) http::check_origin_setting(origin, std::string(kPlace) + ".origins");
+    for (const std::string& origin : o.authority.origins)
+      access::check_origin_setting(origin, std::string(kPlace) + ".origins");
     o.limits.connections = static_cast<std::size_t>(parameters.connections);
     o.limits.address_connections = static_cast<std::size_t>(parameters.address_connections);
     o.threads = parameters.threads;
@@ -239,8 +248,10 @@ void Gateway::declare(Variables& v) {
               "machines reach "
               "need tokens, certificate and key");
   v.parameter("port", port_, "TCP port; 0: a free one").range(0, 65535);
-  v.parameter("tokens", tokens_,
-              "file of tokens that clients must send, lines `read TOKEN` or `operate TOKEN`, mode 600; empty: no tokens");
+  v.parameter(
+      "tokens", tokens_,
+      "file of tokens that clients must send, lines `SCOPE[,SCOPE] TOKEN [name=NAME] [until=TIME]`, mode 600; read again "
+      "when it changes; empty: no tokens");
   v.parameter("certificate", certificate_, "file of the certificate and its chain, PEM, for TLS; empty: no TLS");
   v.parameter("key", key_, "file of the certificate's key, PEM, mode 600");
   v.parameter("hosts", hosts_,
@@ -270,15 +281,18 @@ void Gateway::declare(Variables& v) {
               "signal of the run that has distances of persons in m, such as monitor.distance, for requests that name no "
               "service; the least "
               "one counts; empty: unknown");
+  v.parameter("local_writes", local_writes_,
+              "who may change something without tokens: owner: the user who runs the gateway, and root; all: all users of this "
+              "machine. The others may read");
   v.parameter("price_per_kWh", price_per_kWh_, "1", "price of a kilowatt hour, in any currency, for the same; 0: unknown")
       .range(0, 1e9);
   v.parameter("co2_per_kWh", co2_per_kWh_, "kg", "CO2 of a kilowatt hour, for the same; 0: unknown").range(0, 1e9);
 }
 
 Gateway::Parameters Gateway::parameters() const {
-  return {address_,  tokens_,  certificate_,   key_,         hosts_,       origins_,
-          url_file_, robot_,   port_,          threads_,     connections_, database_,
-          program_,  persons_, price_per_kWh_, co2_per_kWh_, workers_,     address_connections_};
+  return {address_,     tokens_,  certificate_,        key_,      hosts_,   origins_, url_file_,     robot_,
+          port_,        threads_, connections_,        database_, program_, persons_, local_writes_, price_per_kWh_,
+          co2_per_kWh_, workers_, address_connections_};
 }
 
 void Gateway::initialise(Time) {

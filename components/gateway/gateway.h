@@ -53,7 +53,7 @@ class Gateway final : public Unit, public bus::RunObserver {
   RunSide run_side_;
   bool commands_ = true;
   std::int32_t address_connections_ = 64;
-  std::string persons_;
+  std::string persons_, local_writes_ = "owner";
   double price_per_kWh_ = 0, co2_per_kWh_ = 0;
 };
 

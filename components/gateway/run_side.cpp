@@ -8,6 +8,7 @@
 #include "components/gateway/api/api.h"
 #include "components/gateway/api/catalogue.h"
 #include "components/gateway/api/json_tools.h"
+#include "components/gateway/http/audited.h"
 #include "components/gateway/http/problem.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
@@ -40,11 +41,22 @@ void RunSide::declare(Variables& v) {
 }
 
 mqtt::PlantReply RunSide::command(const std::string& payload) const {
+  http::Request request;
+  request.by = access::kBrokerName;
+  request.method = "command";
+  request.body = payload;
+  request.audit = audit_;
+  mqtt::PlantReply given;
+  http::Reply reply = [&](const http::Response& response) { given = {response.status, response.body}; };
   try {
-    return {200, live_.ask(live::read_command(payload))};
+    reply = http::audited(request, reply);
+    http::Response done;
+    done.body = live_.ask(live::read_command(payload), http::Scopes::all(), access::kBrokerName);
+    reply(done);
   } catch (const http::Refusal& refused) {
-    return reply_of(refused);
+    reply(http::to_response(refused.problem, refused.fields));
   }
+  return given;
 }
 
 mqtt::PlantReply RunSide::request(const std::string& payload) const {
@@ -123,6 +135,7 @@ void RunSide::begin() {
 }
 
 void RunSide::observe(std::shared_ptr<bus::LiveRun> run) {
+  audit_->open(run->facts().results);
   live_.observe(run);
 #ifdef COTWIN_MQTT
   if (const auto p = plant()) p->observe(std::move(run));

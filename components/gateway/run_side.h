@@ -23,6 +23,8 @@ class RunSide {
   /// Parameters of the broker.
   void declare(Variables& v);
   void add_routes(http::Router& router) { live_.add_routes(router); }
+  /// Where it is written what came over MQTT.
+  const std::shared_ptr<access::Audit>& audit() const { return audit_; }
   /// Connects to the broker, if one is given. Before the first event(). Throws Error for parameters that are not permitted.
   void begin();
   /// From now on requests to services are answered. May be replaced at any time.
@@ -46,6 +48,7 @@ class RunSide {
 
   std::shared_ptr<mqtt::Plant> plant() const;
 
+  const std::shared_ptr<access::Audit> audit_ = std::make_shared<access::Audit>();
   live::Live live_;
   mutable std::mutex mutex_;
   Answer answer_;                       // guarded by mutex_

@@ -4,27 +4,28 @@
 
 namespace cotwin::master {
 
-ViewServer::ViewServer(std::optional<std::uint16_t> port, std::span<const UnitType> types,
+ViewServer::ViewServer(std::optional<std::uint16_t> port, const std::string& local_writes, std::span<const UnitType> types,
                        const std::vector<std::filesystem::path>& folders)
     : instance_(make_unit("unit:gateway", {}, folders, types)),
       gateway_(dynamic_cast<bus::RunObserver*>(instance_.unit.get())) {
   if (gateway_ == nullptr) throw Error("unit:gateway", "shows no runs, expected the gateway of this version");
   if (port) {
-    start(*port);
+    start(*port, local_writes);
     return;
   }
   try {
-    start(kUsualPort);
+    start(kUsualPort, local_writes);
   } catch (const Error&) {
-    start(0);
+    start(0, local_writes);
   }
 }
 
 ViewServer::~ViewServer() { end(); }
 
-void ViewServer::start(std::uint16_t port) {
+void ViewServer::start(std::uint16_t port, const std::string& local_writes) {
   ParameterSet set;
   set.values.push_back({"port", std::int64_t{port}, "", "--view"});
+  set.values.push_back({"local_writes", local_writes, "", "--local-writes"});
   apply(set, instance_.variables);
   instance_.unit->initialise(Time{});
 }

@@ -19,8 +19,8 @@ class ViewServer final : public bus::RunObserver {
   static constexpr std::uint16_t kUsualPort = 8081;  // 8080 is that of `cotwin serve` and of gateways
 
   /// `port`: 0: a free one; none: kUsualPort, or a free one if another program has that. Throws Error if there is no unit gateway, or the port
-  /// is not free.
-  ViewServer(std::optional<std::uint16_t> port, std::span<const UnitType> types,
+  /// is not free. `local_writes`: the gateway's parameter of that name.
+  ViewServer(std::optional<std::uint16_t> port, const std::string& local_writes, std::span<const UnitType> types,
              const std::vector<std::filesystem::path>& folders);
   ~ViewServer() override;
 
@@ -31,7 +31,7 @@ class ViewServer final : public bus::RunObserver {
   void end() noexcept;
 
  private:
-  void start(std::uint16_t port);
+  void start(std::uint16_t port, const std::string& local_writes);
 
   Instance instance_;
   bus::RunObserver* gateway_ = nullptr;  // the same unit

@@ -350,11 +350,20 @@ void write_events(Page& page, const json& record) {
                text_of(member(event, "ramp")), "scenario"});
   }
   const json& outside = member(record, "from_outside");
+  const auto by = [](const json& entry) {
+    const std::string name = text_of(member(entry, "by"));
+    return name.empty() ? std::string("observer") : name;
+  };
   rows = 0;
   for (const json& change : list_of(member(outside, "changes"))) {
     if (rows++ == kMostRowsOfRun) break;
     table.row({Cell(number(number_of(member(change, "time")), 7)), text_of(member(change, "name")),
-               text_of(member(change, "value")), "", "observer"});
+               text_of(member(change, "value")), "", by(change)});
+  }
+  rows = 0;
+  for (const json& command : list_of(member(outside, "commands"))) {
+    if (rows++ == kMostRowsOfRun) break;
+    table.row({Cell(number(number_of(member(command, "time")), 7)), text_of(member(command, "command")), "", "", by(command)});
   }
   if (table.empty()) return;
   page.heading(3, "Events");

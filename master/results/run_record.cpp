@@ -109,9 +109,16 @@ ordered_json influence(const Influence& i) {
     if (c.kind == Kind::kReal) change["value"] = c.value;
     if (c.kind == Kind::kInteger) change["value"] = static_cast<std::int32_t>(c.value);
     if (c.kind == Kind::kBoolean) change["value"] = c.value != 0;
+    if (!c.by.empty()) change["by"] = c.by;
     changes.push_back(std::move(change));
   }
-  return {{"changes", changes}, {"changes_not_listed", i.more},       {"refused_requests", i.refused},
+  ordered_json commands = ordered_json::array();
+  for (const Influence::Command& c : i.commands) {
+    ordered_json command = {{"tick", c.tick}, {"time", c.time}, {"command", text::word_of(c.verb, bus::kRunVerbWords)}};
+    if (!c.by.empty()) command["by"] = c.by;
+    commands.push_back(std::move(command));
+  }
+  return {{"changes", changes}, {"changes_not_listed", i.more},       {"commands", commands}, {"refused_requests", i.refused},
           {"pauses", i.pauses}, {"paused_seconds", i.paused_seconds}, {"stopped", i.stopped}};
 }
 
@@ -210,7 +217,7 @@ void RunRecord::close(const Summary& summary, const Outcome& outcome) {
   j["wall_seconds"] = summary.wall_seconds;
   j["threads"] = summary.threads;
   j["warnings"] = summary.warnings;
-  if (const Influence& i = summary.influence; i.count() + i.pauses > 0 || i.stopped) j["from_outside"] = influence(i);
+  if (const Influence& i = summary.influence; i.count() > 0 || !i.commands.empty()) j["from_outside"] = influence(i);
   const std::string text = dump(j);
   try {
     write_file(file_, text);

@@ -47,7 +47,7 @@ std::vector<bus::RunObserver*> LiveLoop::observers(std::span<const Member> membe
 }
 
 LiveLoop::LiveLoop(const Scenario& scenario, std::span<const Member> members, Engine& engine, std::string unpausable,
-                   std::shared_ptr<bus::RunPage> page)
+                   std::shared_ptr<bus::RunPage> page, std::filesystem::path results)
     : engine_(engine) {
   std::vector<bus::LiveSignal> signals;
   for (const Member& member : members) {
@@ -75,12 +75,13 @@ LiveLoop::LiveLoop(const Scenario& scenario, std::span<const Member> members, En
   }
   bus::RunFacts facts{scenario.name,         scenario.start,          engine.schedule.stop(),
                       scenario.tick,         engine.schedule.ticks(), text::word_of(scenario.clock.kind, kClockWords),
-                      std::move(unpausable), std::move(page)};
+                      std::move(unpausable), std::move(page),         std::move(results)};
   run_ = std::make_shared<LiveRun>(std::move(facts), std::move(signals));
   copied_.resize(LiveRun::kMaxWatched);
   record_.resize(kHeader + LiveRun::kMaxWatched);
   waiting_.reserve(LiveRun::kMaxWaiting);
   listed_.reserve(kMostListed);
+  taken_.reserve(kMostCommands);
 }
 
 LiveLoop::~LiveLoop() {
@@ -113,6 +114,8 @@ void LiveLoop::answer_calls(std::int64_t tick, Time now) {
         stopped_ = true;
         break;
     }
+    if (call.request.verb != bus::RunVerb::kSet && taken_.size() < kMostCommands)
+      taken_.push_back({tick, call.request.verb, call.request.by});
     if (answer.reply != bus::RunReply::kDone) ++refused_;
     run_->calls().reply(call, answer);
   }
@@ -121,7 +124,7 @@ void LiveLoop::answer_calls(std::int64_t tick, Time now) {
 bus::RunReply LiveLoop::set_values(const LiveRun::Call& call, std::int64_t tick, Time now, LiveRun::Answer& answer) {
   const std::span<const LiveRun::Value> values(call.values, call.count);
   if (call.number == LiveRun::kAtOnce) {
-    for (const LiveRun::Value& value : values) apply(value, tick);
+    for (const LiveRun::Value& value : values) apply(value, call.by, tick);
     return bus::RunReply::kDone;
   }
   const Time at{call.number};
@@ -129,7 +132,7 @@ bus::RunReply LiveLoop::set_values(const LiveRun::Call& call, std::int64_t tick,
   if (waiting_.size() + values.size() > waiting_.capacity()) return bus::RunReply::kFull;
   for (const LiveRun::Value& value : values) {
     const auto later = std::ranges::upper_bound(waiting_, at, {}, &Waiting::time);
-    waiting_.insert(later, {at, value});
+    waiting_.insert(later, {at, value, call.by});
   }
   find_next_waiting();
   const std::int64_t ns = run_->facts().tick.ns, since = (at - run_->facts().start).ns;
@@ -139,7 +142,7 @@ bus::RunReply LiveLoop::set_values(const LiveRun::Call& call, std::int64_t tick,
 
 void LiveLoop::apply_waiting(std::int64_t tick, Time now) {
   const auto due = std::ranges::upper_bound(waiting_, now, {}, &Waiting::time);
-  for (auto w = waiting_.begin(); w != due; ++w) apply(w->value, tick);
+  for (auto w = waiting_.begin(); w != due; ++w) apply(w->value, w->by, tick);
   waiting_.erase(waiting_.begin(), due);
   find_next_waiting();
 }
@@ -147,7 +150,7 @@ void LiveLoop::apply_waiting(std::int64_t tick, Time now) {
 void LiveLoop::find_next_waiting() { next_waiting_ = waiting_.empty() ? Time{kNever} : waiting_.front().time; }
 
 /// As an event without a ramp.
-void LiveLoop::apply(const LiveRun::Value& value, std::int64_t tick) {
+void LiveLoop::apply(const LiveRun::Value& value, std::uint32_t by, std::int64_t tick) {
   const Target& target = targets_[value.channel];
   switch (target.kind) {
     case Kind::kReal:
@@ -167,7 +170,7 @@ void LiveLoop::apply(const LiveRun::Value& value, std::int64_t tick) {
   changed_ = true;
   run_->set_changes(++changes_);
   if (listed_.size() < kMostListed) {
-    listed_.push_back({tick, value});
+    listed_.push_back({tick, value, by});
   } else {
     ++more_;
   }
@@ -240,6 +243,7 @@ void LiveLoop::end(std::int64_t tick) {
 Influence LiveLoop::influence() const {
   Influence all;
   const auto signals = run_->signals();
+  const std::vector<std::string> names = run_->names();
   for (const Listed& listed : listed_) {
     const std::size_t channel = listed.value.channel;
     const auto after = std::ranges::partition_point(signals, [&](const bus::LiveSignal& s) { return s.channel <= channel; });
@@ -251,7 +255,10 @@ Influence LiveLoop::influence() const {
     change.name = s.size == 1 ? s.name : s.name + "[" + std::to_string(channel - s.channel + 1) + "]";
     change.kind = s.kind;
     change.value = listed.value.value;
+    change.by = names[listed.by];
   }
+  for (const Taken& taken : taken_)
+    all.commands.push_back({taken.tick, run_->time(taken.tick).seconds(), taken.verb, names[taken.by]});
   all.more = more_;
   all.refused = refused_;
   all.pauses = pauses_;
@@ -265,15 +272,26 @@ void LiveLoop::write(ByteWriter& out) const {
     out.value(v.channel);
     out.value(v.value);
   };
+  const std::vector<std::string> names = run_->names();
+  out.value(static_cast<std::uint64_t>(names.size()));
+  for (const std::string& name : names) out.text(name);
   out.value(static_cast<std::uint64_t>(listed_.size()));
   for (const Listed& listed : listed_) {
     out.value(listed.tick);
     value(listed.value);
+    out.value(listed.by);
   }
   out.value(static_cast<std::uint64_t>(waiting_.size()));
   for (const Waiting& waiting : waiting_) {
     out.value(waiting.time.ns);
     value(waiting.value);
+    out.value(waiting.by);
+  }
+  out.value(static_cast<std::uint64_t>(taken_.size()));
+  for (const Taken& taken : taken_) {
+    out.value(taken.tick);
+    out.value(static_cast<std::uint8_t>(taken.verb));
+    out.value(taken.by);
   }
   for (const std::int64_t count : {more_, refused_, pauses_, changes_, paused_ns_}) out.value(count);
 }
@@ -286,20 +304,38 @@ void LiveLoop::read(ByteReader& in, std::int64_t tick) {
     if (v.channel >= targets_.size()) in.fail("sets values of other units");
     return v;
   };
-  constexpr std::size_t kBytes = sizeof(std::int64_t) + sizeof(std::uint32_t) + sizeof(double);
+  constexpr std::size_t kBytes = sizeof(std::int64_t) + 2 * sizeof(std::uint32_t) + sizeof(double);
+  std::vector<std::uint32_t> names;  // their numbers in this process
+  for (std::size_t left = in.count(sizeof(std::uint64_t)); left > 0; --left) names.push_back(run_->number_of(in.text()));
+  const auto name = [&] {
+    const auto number = in.value<std::uint32_t>();
+    if (number >= names.size()) in.fail("is damaged");
+    return names[number];
+  };
   listed_.clear();
   const std::size_t listed = in.count(kBytes);
   if (listed > kMostListed) in.fail("is damaged");
   for (std::size_t i = 0; i < listed; ++i) {
     const auto at = in.value<std::int64_t>();
-    listed_.push_back({at, value()});
+    const LiveRun::Value set = value();
+    listed_.push_back({at, set, name()});
   }
   waiting_.clear();
   const std::size_t waiting = in.count(kBytes);
   if (waiting > LiveRun::kMaxWaiting) in.fail("is damaged");
   for (std::size_t i = 0; i < waiting; ++i) {
     const Time at{in.value<std::int64_t>()};
-    waiting_.push_back({at, value()});
+    const LiveRun::Value set = value();
+    waiting_.push_back({at, set, name()});
+  }
+  taken_.clear();
+  const std::size_t taken = in.count(sizeof(std::int64_t) + sizeof(bus::RunVerb) + sizeof(std::uint32_t));
+  if (taken > kMostCommands) in.fail("is damaged");
+  for (std::size_t i = 0; i < taken; ++i) {
+    const auto at = in.value<std::int64_t>();
+    const auto verb = in.value<std::uint8_t>();
+    if (verb > static_cast<std::uint8_t>(bus::RunVerb::kStop)) in.fail("is damaged");
+    taken_.push_back({at, static_cast<bus::RunVerb>(verb), name()});
   }
   if (!std::ranges::is_sorted(waiting_, {}, &Waiting::time)) in.fail("is damaged");
   find_next_waiting();

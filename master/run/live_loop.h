@@ -1,5 +1,6 @@
 #pragma once
 #include <cstdint>
+#include <filesystem>
 #include <memory>
 #include <span>
 #include <string>
@@ -25,10 +26,19 @@ struct Influence {
     std::string name;       // of the element
     Kind kind = Kind::kReal;
     double value = 0;
+    std::string by;  // who set it; "": an observer without a name
   };
-  std::vector<Change> changes;  // in their order
-  std::int64_t more = 0;        // further ones, which are not listed
-  std::int64_t refused = 0;     // requests
+  /// A pause, step or stop.
+  struct Command {
+    std::int64_t tick = 0;  // before which it was taken
+    double time = 0;        // s
+    bus::RunVerb verb = bus::RunVerb::kPause;
+    std::string by;
+  };
+  std::vector<Change> changes;    // in their order
+  std::vector<Command> commands;  // likewise, the first kMostListed
+  std::int64_t more = 0;          // further ones, which are not listed
+  std::int64_t refused = 0;       // requests
   std::int64_t pauses = 0;
   double paused_seconds = 0;  // wall time
   bool stopped = false;       // the end of the run was asked for
@@ -40,13 +50,14 @@ struct Influence {
 class LiveLoop {
  public:
   static constexpr std::size_t kMostListed = 100'000;  // changes
+  static constexpr std::size_t kMostCommands = 10'000;
 
   /// The observers among the members; empty: the run needs no LiveLoop.
   static std::vector<bus::RunObserver*> observers(std::span<const Member> members);
 
-  /// Call after the engine's initialise. `unpausable`, `page`: see bus::RunFacts.
+  /// Call after the engine's initialise. `unpausable`, `page`, `results`: see bus::RunFacts.
   LiveLoop(const Scenario& scenario, std::span<const Member> members, Engine& engine, std::string unpausable,
-           std::shared_ptr<bus::RunPage> page = nullptr);
+           std::shared_ptr<bus::RunPage> page = nullptr, std::filesystem::path results = {});
   ~LiveLoop();
   LiveLoop(const LiveLoop&) = delete;
   LiveLoop& operator=(const LiveLoop&) = delete;
@@ -95,16 +106,23 @@ class LiveLoop {
   struct Waiting {
     Time time;
     bus::LiveRun::Value value;
+    std::uint32_t by = 0;  // number of a name
   };
   struct Listed {
     std::int64_t tick = 0;
     bus::LiveRun::Value value;
+    std::uint32_t by = 0;
+  };
+  struct Taken {
+    std::int64_t tick = 0;
+    bus::RunVerb verb = bus::RunVerb::kPause;
+    std::uint32_t by = 0;
   };
 
   void answer_calls(std::int64_t tick, Time now);
   bus::RunReply set_values(const bus::LiveRun::Call& call, std::int64_t tick, Time now, bus::LiveRun::Answer& answer);
   void apply_waiting(std::int64_t tick, Time now);
-  void apply(const bus::LiveRun::Value& value, std::int64_t tick);
+  void apply(const bus::LiveRun::Value& value, std::uint32_t by, std::int64_t tick);
   void find_next_waiting();
   void begin_pause();
   void end_pause();
@@ -128,6 +146,7 @@ class LiveLoop {
   bool changed_ = false, paused_ = false, stopped_ = false, resumed_ = false, ended_ = false;
   std::int64_t steps_ = 0, pause_at_ = 0;
   std::vector<Listed> listed_;
+  std::vector<Taken> taken_;
   std::int64_t more_ = 0, refused_ = 0, pauses_ = 0, changes_ = 0;
   std::int64_t pause_began_ = 0, paused_ns_ = 0;  // CLOCK_MONOTONIC
 };

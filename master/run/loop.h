@@ -110,6 +110,7 @@ class Master::Loop {
   std::function<void(RunState)> state_taker_;  // empty unless a state was asked for
   bus::RunObserver* observer_ = nullptr;
   std::shared_ptr<bus::RunPage> page_;
+  std::filesystem::path results_;   // folder; empty: none
   std::unique_ptr<LiveLoop> live_;  // nullptr: nobody observes the run
   bool saves_anywhere_ = true;      // saving a unit does not change its later steps
   std::string unsavable_;

@@ -104,6 +104,7 @@ Master::Loop::Loop(Scenario scenario, MasterOptions options)
       page_(std::move(options.page)) {
   const std::string place = scenario_.file.filename().string();
   if (scenario_.decimation < 1) fail(place, "decimation " + std::to_string(scenario_.decimation) + ", expected >= 1 ticks");
+  if (!options.results.empty()) results_ = std::filesystem::current_path() / options.results;
   if (!options.results.empty() && !columns_.empty())
     recording_ = std::filesystem::current_path() / options.results / "signals.csv";
   joint_names_ = options.joint_names;
@@ -187,7 +188,7 @@ void Master::Loop::begin_observation() {
         std::ranges::find_if(members_, [](const Member& m) { return m.instance.unit->tick_source() != nullptr; });
     if (connected != members_.end()) unpausable = "'" + connected->name() + "' is connected to a robot or bus, which goes on";
   }
-  live_ = std::make_unique<LiveLoop>(scenario_, members_, engine_, std::move(unpausable), page_);
+  live_ = std::make_unique<LiveLoop>(scenario_, members_, engine_, std::move(unpausable), page_, results_);
 }
 
 /// Requests to an observed run. Returns false if the tick must not begin.

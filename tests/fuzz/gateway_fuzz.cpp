@@ -5,10 +5,11 @@
 #include <string>
 #include <string_view>
 
-#include "components/gateway/http/access.h"
+#include "components/gateway/access/access.h"
 #include "components/gateway/http/router.h"
 #include "models/foundation/support/error.h"
 
+using namespace cotwin::gateway::access;
 using namespace cotwin::gateway::http;
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
@@ -40,7 +41,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   (void)media_type(text);
   try {
     const Tokens tokens = Tokens::parse(text, "tokens");
-    if (tokens.empty()) std::abort();
+    // Nobody gets in without a line for it.
+    if (tokens.find(digest_of(text), {}) != nullptr || tokens.size() > text.size() / (Tokens::kShortest + 2)) std::abort();
   } catch (const cotwin::Error& error) {
     if (!std::string_view(error.what()).starts_with("tokens")) std::abort();
   }

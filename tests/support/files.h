@@ -60,4 +60,20 @@ class TemporaryFile {
   std::filesystem::path path_;
 };
 
+/// A file that only its owner may use, as tokens and keys must be.
+class SecretFile : public TemporaryFile {
+ public:
+  explicit SecretFile(const std::string& text) : TemporaryFile(text, "secret") {
+    std::filesystem::permissions(path(), std::filesystem::perms(0600));
+  }
+};
+
+/// Replaces a file by one with other content, as an administrator does: beside it, for the owner only, then renamed.
+inline void rewrite_secret(const std::filesystem::path& file, const std::string& text) {
+  const std::filesystem::path beside = file.string() + ".new";
+  std::ofstream(beside, std::ios::binary) << text;
+  std::filesystem::permissions(beside, std::filesystem::perms(0600));
+  std::filesystem::rename(beside, file);
+}
+
 }  // namespace cotwin::testing

@@ -4,7 +4,7 @@
 #include <nlohmann/json_fwd.hpp>
 #include <string>
 
-#include "components/gateway/http/access.h"
+#include "components/gateway/access/access.h"
 #include "components/gateway/http/router.h"
 #include "components/services/robots.h"
 
@@ -18,7 +18,7 @@ class JobBoard;
 using Fill = std::function<void(nlohmann::ordered_json&)>;
 
 /// GET /health and /openapi.json, which describes all routes of the table; POST /tickets. `tickets`: those that the server redeems.
-void add_general_routes(http::Router& router, std::shared_ptr<http::Tickets> tickets, const std::string& version);
+void add_general_routes(http::Router& router, std::shared_ptr<access::Tickets> tickets, const std::string& version);
 
 /// GET /robots and /work-masters (one per service, with the JSON Schema of its request); POST /services/{name}. `board`: nullptr without job
 /// control; then there are only immediate answers.

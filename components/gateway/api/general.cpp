@@ -37,7 +37,7 @@ void add_common_schemas(http::Router& router) {
     "required": ["openapi", "info", "paths"]})");
 }
 
-void add_general_routes(http::Router& router, std::shared_ptr<http::Tickets> tickets, const std::string& version) {
+void add_general_routes(http::Router& router, std::shared_ptr<access::Tickets> tickets, const std::string& version) {
   add_common_schemas(router);
 
   http::Route health;
@@ -45,7 +45,7 @@ void add_general_routes(http::Router& router, std::shared_ptr<http::Tickets> tic
   health.pattern = "/health";
   health.id = "health";
   health.summary = "Whether the gateway is there";
-  health.scope = http::Scope::kNone;
+  health.scope = {};
   health.answers = {{200, "Health", "It is"}};
   router.add(health, [version](const Request&) { return give({{"status", "ok"}, {"version", version}}); });
 
@@ -54,7 +54,7 @@ void add_general_routes(http::Router& router, std::shared_ptr<http::Tickets> tic
   description.pattern = "/openapi.json";
   description.id = "openapi";
   description.summary = "This description, OpenAPI 3.1";
-  description.scope = http::Scope::kNone;
+  description.scope = {};
   description.answers = {{200, "OpenApi", "The document"}};
   struct Once {
     std::once_flag flag;
@@ -74,9 +74,10 @@ void add_general_routes(http::Router& router, std::shared_ptr<http::Tickets> tic
   ticket.summary = "A ticket for one event stream or WebSocket, for browsers: they cannot send a token there";
   ticket.answers = {{201, "Ticket", "Use it once, as ?ticket=…"}};
   router.add(ticket, [tickets = std::move(tickets)](const Request& request) {
-    const std::string made = tickets->issue({request.scope, request.client}, request.owner, std::chrono::steady_clock::now());
+    const std::string made =
+        tickets->issue(request.bearer.value_or(access::Digest{}), request.owner, std::chrono::steady_clock::now());
     if (made.empty()) throw http::Refusal{{503, "too many tickets are not used yet", "", ""}, {{"Retry-After", "30"}}};
-    return give({{"ticket", made}, {"expires_s", http::Tickets::kLife.count()}}, 201);
+    return give({{"ticket", made}, {"expires_s", access::Tickets::kLife.count()}}, 201);
   });
 }
 

@@ -289,9 +289,9 @@ Response results(JobBoard& board, const Request& request, const std::string& equ
 }
 
 /// ISA95JobResponseDataType, with the reply among the data.
-Response job_response_data(JobBoard& board, const std::string& id, http::Scope scope) {
+Response job_response_data(JobBoard& board, const std::string& id, http::Scopes scopes) {
   // What one who may only read has seen stays for those who ordered it.
-  const bool operates = scope == http::Scope::kOperate;
+  const bool operates = scopes.has(http::Scope::kJobs);
   const std::optional<Job> found = operates ? board.jobs().response(id) : board.jobs().find(id);
   if (!found) throw refusal(404, "there is no job order '" + id.substr(0, 80) + "'");
   const Job& job = *found;
@@ -352,7 +352,7 @@ void add_job_routes(http::Router& router, services::Robots& robots, const std::s
       {"cursor", "query", "Next of the page before"}};
 
   http::Route post =
-      make("POST", "/job-orders", "storeJobOrder", "StoreAndStart, or Store with start=false", http::Scope::kOperate);
+      make("POST", "/job-orders", "storeJobOrder", "StoreAndStart, or Store with start=false", http::Scope::kJobs);
   post.takes = "JobOrder";
   post.parameters = {{"start", "query", "false: Store", R"({"type":"boolean","default":true})"},
                      {"Idempotency-Key", "header", "a repeated order with this key is the same job"}};
@@ -378,8 +378,8 @@ void add_job_routes(http::Router& router, services::Robots& robots, const std::s
   one.answers = {with({200, "JobOrderAndState", "It"}, {"ETag"})};
   add(one, [board](const Request& r) { return job_response(*board, r.part("id")); });
 
-  http::Route replace = make("PUT", "/job-orders/{id}", "putJobOrder", "Store with If-None-Match: *; Update with If-Match",
-                             http::Scope::kOperate);
+  http::Route replace =
+      make("PUT", "/job-orders/{id}", "putJobOrder", "Store with If-None-Match: *; Update with If-Match", http::Scope::kJobs);
   replace.takes = "JobOrder";
   replace.parameters = {{"If-None-Match", "header", "*: a new order"},
                         {"If-Match", "header", "ETag of the order that is changed"},
@@ -392,7 +392,7 @@ void add_job_routes(http::Router& router, services::Robots& robots, const std::s
   add(replace, [board, fill](const Request& r) { return put(*board, r, fill); });
 
   http::Route remove = make("DELETE", "/job-orders/{id}", "removeJobOrder",
-                            "Cancel of a waiting job, Clear of one that is done", http::Scope::kOperate);
+                            "Cancel of a waiting job, Clear of one that is done", http::Scope::kJobs);
   remove.gives = "";
   remove.answers = {{204, "", "Removed"}, conflict};
   add(remove, [board](const Request& r) {
@@ -405,7 +405,7 @@ void add_job_routes(http::Router& router, services::Robots& robots, const std::s
   });
 
   http::Route verb = make("POST", "/job-orders/{id}/commands", "commandJob",
-                          "Start, RevokeStart, Pause, Resume, Stop, Abort, Cancel, Clear", http::Scope::kOperate);
+                          "Start, RevokeStart, Pause, Resume, Stop, Abort, Cancel, Clear", http::Scope::kJobs);
   verb.takes = "JobCommand";
   verb.answers = {with({202, "JobOrderAndState", "The command is taken; events tell its effect"}, {"ETag"}),
                   {204, "", "Removed (Cancel, Clear)"},
@@ -419,8 +419,8 @@ void add_job_routes(http::Router& router, services::Robots& robots, const std::s
   answer.answers = {{200, "JobResponse", "As it is now"}};
   router.add_later(answer, [board](const Request& r, const http::Reply& reply) {
     const std::string id = r.part("id");
-    const auto now = [board, id, scope = r.scope, reply](bool) {
-      reply(response_of([&] { return job_response_data(*board, id, scope); }));
+    const auto now = [board, id, scopes = r.scopes, reply](bool) {
+      reply(response_of([&] { return job_response_data(*board, id, scopes); }));
     };
     const double seconds = wait_of(r);
     seconds > 0 ? board->wait(id, seconds, now) : now(true);

@@ -60,9 +60,9 @@ std::vector<http::Answer> general_problems(const http::Router::Entry& entry) {
   std::vector<http::Answer> all = {
       http::problem_answer(400, "The query, the header or the body cannot be read, or has an unknown or repeated name")};
   const auto add = [&](int status, const char* description) { all.push_back(http::problem_answer(status, description)); };
-  const bool closed = route.scope != http::Scope::kNone;
+  const bool closed = !route.scope.empty();
   if (closed) add(401, "The gateway has tokens, and the request has none of them");
-  if (route.scope == http::Scope::kOperate) add(403, "The token may read only");
+  if (route.changes()) add(403, "The token, or the local user, may not do this");
   if (!entry.names.empty()) add(404, "There is no such thing");
   if (!route.gives.empty()) add(406, "The field Accept does not admit the answer");
   if (!route.takes.empty()) {
@@ -118,13 +118,17 @@ Json operation_of(const http::Router::Entry& entry) {
     operation["requestBody"] = {{"required", true}, {"content", content("application/json", route.takes)}};
   operation["responses"] = answers_of(entry);
   Json security = Json::array();
-  if (route.scope != http::Scope::kNone) {
-    security.push_back({{"token", Json::array()}});
+  Json scopes = Json::array();  // any of them is enough
+  for (const auto& [word, scope] : access::kScopeWords) {
+    if (route.scope.has(scope)) scopes.push_back(word);
+  }
+  if (!route.scope.empty()) {
+    for (const Json& scope : scopes) security.push_back({{"token", Json::array({scope})}});
     if (route.ticket) security.push_back({{"ticket", Json::array()}});
     security.push_back(Json::object());  // at loopback addresses without a file of tokens
   }
   operation["security"] = std::move(security);
-  operation["x-scope"] = route.scope == http::Scope::kNone ? "none" : route.scope == http::Scope::kRead ? "read" : "operate";
+  operation["x-scopes"] = std::move(scopes);
   return operation;
 }
 
@@ -150,16 +154,19 @@ std::string openapi(const http::Router& router, const std::string& version) {
     paths[entry.route.pattern][lower(entry.route.method)] = operation_of(entry);
   Json schemas = Json::object();
   for (const auto& [name, schema] : router.schemas()) schemas[name] = Json::parse(schema);
-  document["components"] = {
-      {"schemas", std::move(schemas)},
-      {"securitySchemes",
-       {{"token",
-         {{"type", "http"}, {"scheme", "bearer"}, {"description", "A token of the gateway's file; scopes read and operate"}}},
-        {"ticket",
-         {{"type", "apiKey"},
-          {"in", "query"},
-          {"name", "ticket"},
-          {"description", "A ticket of POST /tickets, used once, for browsers"}}}}}};
+  document["components"] = {{"schemas", std::move(schemas)},
+                            {"securitySchemes",
+                             {{"token",
+                               {{"type", "http"},
+                                {"scheme", "bearer"},
+                                {"description",
+                                 "A token of the gateway's file, with one of the scopes of the operation (x-scopes): read, "
+                                 "jobs, tune, acknowledge, end"}}},
+                              {"ticket",
+                               {{"type", "apiKey"},
+                                {"in", "query"},
+                                {"name", "ticket"},
+                                {"description", "A ticket of POST /tickets, used once, for browsers"}}}}}};
   return document.dump(2) + "\n";
 }
 

@@ -6,6 +6,7 @@
 #include "components/gateway/api/catalogue.h"
 #include "components/gateway/api/job_board.h"
 #include "components/gateway/api/json_tools.h"
+#include "components/gateway/http/audited.h"
 #include "components/services/json/control/control.h"
 #include "components/services/json/json.h"
 #include "models/foundation/support/error.h"
@@ -279,7 +280,7 @@ void add_service_routes(http::Router& router, services::Robots& robots, const st
     http::Answer ordered{202, "JobOrderAndState", "A job was ordered, Location has its response"};
     ordered.fields = {"Location", "Retry-After"};
     ask.answers.push_back(std::move(ordered));
-    ask.answers.push_back(http::problem_answer(403, "The token may read only, and the answer is a job"));
+    ask.answers.push_back(http::problem_answer(403, "The token, or the local user, may not order jobs, and the answer is one"));
     ask.answers.push_back(http::problem_answer(410, "The key was used for a job order that was removed"));
     ask.answers.push_back(http::problem_answer(500, "The job ended without a reply: it was stopped, or its workers died"));
     ask.parameters = {service_part,
@@ -300,10 +301,14 @@ void add_service_routes(http::Router& router, services::Robots& robots, const st
                     object.value("service", "one of the steps") +
                         " takes long and is answered by jobs, but this gateway has no database for them (parameter database)");
     if (board && (takes_long || promised)) {
-      if (request.scope != http::Scope::kOperate)
-        throw refusal(403, "the token may read only, expected one with the scope operate: the answer is a job");
+      if (!request.scopes.has(http::Scope::kJobs)) {
+        const http::Refusal refused =
+            refusal(403, request.by + " may not order jobs, expected the scope jobs: the answer is a job");
+        http::audit_refusal(request, http::to_response(refused.problem));
+        throw refused;
+      }
       expect_answerable(robots, object);
-      return answer_by_job(board, request, object, std::move(asked), promised, reply);
+      return answer_by_job(board, request, object, std::move(asked), promised, http::audited(request, reply));
     }
     reply(answer_now(robots, object));
   };

@@ -1,6 +1,8 @@
 // One HTTP connection: request after request, or a stream of server-sent events at last.
 #include "components/gateway/http/connection.h"
 
+#include "components/gateway/http/audited.h"
+
 #include <algorithm>
 #include <boost/asio/write.hpp>
 
@@ -65,6 +67,7 @@ void Connection::read() {
   request_ = std::make_shared<Request>();
   entry_ = nullptr;
   allowed_origin_.clear();
+  bearer.reset();
   head_ = false;
   if (buffer_.size() > 0) return read_header();
   buffer_.shrink_to_fit();
@@ -176,7 +179,13 @@ void Connection::answer_late() {
 void Connection::refuse(Response response) {
   const bool whole = parser_->is_header_done() && parser_->is_done();
   if (!whole) keep_ = false;
-  respond(std::move(response));
+  if (entry_ != nullptr && entry_->route.changes()) audit_refusal(*request_, response);
+  if (late_answer_.count() == 0) return respond(std::move(response));
+  disarm();
+  timer_.expires_after(std::exchange(late_answer_, std::chrono::seconds(0)));
+  timer_.async_wait([self = shared_from_this(), response = std::move(response)](const ErrorCode& error) mutable {
+    if (!error) self->respond(std::move(response));
+  });
 }
 
 std::string Connection::head_of(const Response& response) const {
@@ -208,7 +217,7 @@ void Connection::respond(Response response) {
   if (response.status >= 400) ++server_.counts.refused;
   if (response.stream && request_ && request_->upgrade) {
     disarm();
-    upgrade(server_, std::move(stream_), std::move(slot_), parser_->get(), std::move(response.stream));
+    upgrade(server_, std::move(stream_), std::move(slot_), bearer, parser_->get(), std::move(response.stream));
     finished_ = true;
     server_.remove(this);
     return;

@@ -1,6 +1,7 @@
 #pragma once
 #include <array>
 #include <atomic>
+#include <chrono>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -74,6 +75,7 @@ class Connection final : public Client, public std::enable_shared_from_this<Conn
   std::optional<Response> check_names(Request& request);
   std::optional<Response> check_route(Request& request);
   std::optional<Response> check_access(Request& request);
+  std::optional<Response> check_local_user(Request& request);
   std::optional<Response> check_query(const Request& request);
   std::optional<Response> check_body(const Request& request);
   Response preflight(const Request& request) const;
@@ -106,7 +108,9 @@ class Connection final : public Client, public std::enable_shared_from_this<Conn
   std::optional<Parser> parser_;
   std::shared_ptr<Request> request_;
   const Router::Entry* entry_ = nullptr;
-  std::string allowed_origin_;  // of the present request; "": none that must be named in the response
+  std::optional<LocalUser> local_user_;  // asked once
+  std::chrono::seconds late_answer_{0};  // until a refusal is sent
+  std::string allowed_origin_;           // of the present request; "": none that must be named in the response
   std::string out_;
   std::weak_ptr<Pending> pending_;  // of the request that waits for its handler
   bool waiting_ = false;

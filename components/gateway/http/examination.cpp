@@ -6,22 +6,6 @@
 
 namespace cotwin::gateway::http {
 
-namespace {
-
-/// Part of a token's hash: enough to tell clients apart, and no secret.
-std::string short_name(std::string_view token) {
-  static const char* const kDigits = "0123456789abcdef";
-  const Digest digest = digest_of(token);
-  std::string name;
-  for (std::size_t i = 0; i < 8; ++i) {
-    name += kDigits[digest[i] >> 4];
-    name += kDigits[digest[i] & 15];
-  }
-  return name;
-}
-
-}  // namespace
-
 /// Target, Host and Origin.
 std::optional<Response> Connection::check_names(Request& request) {
   std::string authority;
@@ -41,9 +25,9 @@ std::optional<Response> Connection::check_names(Request& request) {
   const std::string* const origin = request.field("Origin");
   if (origin == nullptr) return std::nullopt;
   switch (server_.options.authority.check_origin(*origin, server_.tls ? "https" : "http", authority)) {
-    case Authority::Origin::kOwn:
+    case access::Authority::Origin::kOwn:
       return std::nullopt;
-    case Authority::Origin::kNamed:
+    case access::Authority::Origin::kNamed:
       allowed_origin_ = *origin;
       return std::nullopt;
     default:
@@ -91,52 +75,60 @@ std::optional<Response> Connection::check_route(Request& request) {
   return std::nullopt;
 }
 
+/// What a client may do without a token.
+std::optional<Response> Connection::check_local_user(Request& request) {
+  if (!local_user_) local_user_ = server_.find_local_user(stream_.next_layer());
+  request.by = local_user_->name;
+  request.scopes = local_user_->scopes;
+  if (request.scopes.any_of(entry_->route.scope)) return std::nullopt;
+  return refusal(
+      403,
+      "only the user who runs this gateway, and root, may do this, and this connection is of " + local_user_->name +
+          ", expected another user, tokens, or all local users by --local-writes=all (parameter local_writes of unit:gateway)");
+}
+
 std::optional<Response> Connection::check_access(Request& request) {
   const Route& route = entry_->route;
-  const Tokens& tokens = server_.options.tokens;
-  if (tokens.empty()) {
-    request.scope = Scope::kOperate;
-    request.owner = owner_;
-    return std::nullopt;
-  }
   request.owner = owner_;
-  if (route.scope == Scope::kNone) return std::nullopt;
+  request.address = slot_->address();
+  request.audit = server_.options.audit;
+  if (route.scope.empty()) return std::nullopt;
+  if (server_.options.token_file.empty()) return check_local_user(request);
   std::size_t fields = 0;
   for (const Field& f : request.fields) fields += equal_names(f.name, "Authorization") ? 1 : 0;
   if (fields > 1) return refusal(400, "the header has more than one field Authorization");
-  std::optional<Scope> granted;
-  std::string client;
   const std::string* const authorization = request.field("Authorization");
   const std::string* const ticket = route.ticket ? request.query_value("ticket") : nullptr;
   constexpr std::string_view kBearer = "Bearer ";
   if (authorization != nullptr) {
     const std::string_view value = *authorization;
     if (value.size() > kBearer.size() && equal_names(value.substr(0, kBearer.size()), kBearer))
-      granted = tokens.scope_of(value.substr(kBearer.size()));
-    if (granted) client = short_name(value.substr(kBearer.size()));
+      request.bearer = access::digest_of(value.substr(kBearer.size()));
   } else if (ticket != nullptr) {
-    if (auto grant = server_.options.tickets->redeem(*ticket, std::chrono::steady_clock::now())) {
-      granted = grant->scope;
-      client = std::move(grant->client);
-    }
+    request.bearer = server_.options.tickets->redeem(*ticket, std::chrono::steady_clock::now());
   } else {
     return refusal(401, "expected a token: Authorization: Bearer TOKEN", {{"WWW-Authenticate", "Bearer"}});
   }
+  const bool is_ticket = authorization == nullptr;
   // Secrets are needed no longer, and must not reach a log or a handler.
   std::erase_if(request.fields, [](const Field& f) { return equal_names(f.name, "Authorization"); });
   std::erase_if(request.query, [](const auto& pair) { return pair.first == "ticket"; });
-  if (!granted) {
+  const access::Bearer* const found = request.bearer ? server_.find_bearer(*request.bearer) : nullptr;
+  if (found == nullptr) {
+    request.bearer.reset();
+    late_answer_ = server_.note_wrong_token(request.address);
     return refusal(401,
-                   authorization != nullptr ? "the token is not one of the gateway's"
-                                            : "the ticket is not valid: used, expired or unknown",
+                   is_ticket ? "the ticket is not valid: used, expired or unknown" : "the token is not one of the gateway's",
                    {{"WWW-Authenticate", "Bearer error=\"invalid_token\""}});
   }
-  request.scope = *granted;
-  request.client = std::move(client);
-  request.owner = request.client.empty() ? owner_ : "token " + request.client;
-  if (static_cast<int>(*granted) < static_cast<int>(route.scope))
-    return refusal(403, "the token may read only, expected one with the scope operate",
-                   {{"WWW-Authenticate", "Bearer error=\"insufficient_scope\", scope=\"operate\""}});
+  bearer = request.bearer;
+  request.scopes = found->scopes;
+  request.by = found->name;
+  request.client = found->client;
+  request.owner = "token " + found->client;
+  if (!request.scopes.any_of(route.scope))
+    return refusal(403, "the token has the scopes " + request.scopes.words(", ") + ", expected " + route.scope.words(" or "),
+                   {{"WWW-Authenticate", "Bearer error=\"insufficient_scope\", scope=\"" + route.scope.words(" ") + "\""}});
   return std::nullopt;
 }
 

@@ -8,15 +8,14 @@
 #include <utility>
 #include <vector>
 
+#include "components/gateway/access/access.h"
+#include "components/gateway/access/audit.h"
+
 /// HTTP/1.1 as the gateway uses it: requests and responses as plain values, without sockets.
 namespace cotwin::gateway::http {
 
-/// What the bearer of a token may do.
-enum class Scope {
-  kNone,     // the server is asked whether it is there
-  kRead,     // ask, read, watch
-  kOperate,  // the same, and change: jobs, tunables, commands
-};
+using access::Scope;
+using access::Scopes;
 
 struct Field {
   std::string name, value;
@@ -30,10 +29,14 @@ struct Request {
   std::vector<std::pair<std::string, std::string>> matched;  // name and value of each {name} of the route's pattern
   std::vector<Field> fields;                                 // of the header
   std::string body;
-  Scope scope = Scope::kNone;  // granted
-  std::string client;          // part of the hash of its token; "" without one
-  std::string owner;           // whose fair share it takes: a token, else an address, at the loopback address a connection
-  bool upgrade = false;        // to a WebSocket
+  Scopes scopes;                         // granted
+  std::optional<access::Digest> bearer;  // its token, if there was one
+  std::string client;                    // part of the hash of its token; "" without one
+  std::string by;                        // who asks, for logs: the name of the token, "local user 1000"
+  std::string address;                   // of the client
+  std::string owner;  // whose fair share it takes: a token, else an address, at the loopback address a connection
+  std::shared_ptr<access::Audit> audit;  // where it is written who changed what; nullptr: nowhere
+  bool upgrade = false;                  // to a WebSocket
 
   /// The first header field of that name, in any case; nullptr: none.
   const std::string* field(std::string_view name) const;

@@ -34,8 +34,8 @@ struct Route {
   std::string pattern;  // "/job-orders/{id}/commands"
   std::string id;       // operationId of the OpenAPI document; "": from method and pattern
   std::string summary, tag = "gateway";
-  Scope scope = Scope::kRead;  // that a token must have
-  std::string takes;           // schema of the request's body, which must be application/json; "": no body
+  Scopes scope = Scope::kRead;  // of which a token must have one; empty: it needs no token
+  std::string takes;            // schema of the request's body, which must be application/json; "": no body
   /// Media type of a success; "": no body. "text/event-stream": also over a WebSocket, if the client asks for the upgrade;
   /// "websocket": only over one.
   std::string gives = "application/json";
@@ -44,6 +44,9 @@ struct Route {
   std::vector<Parameter> parameters;
   bool slow = false;    // the handler runs on a thread of the pool, not on that of the sockets
   bool ticket = false;  // a ticket in the query (?ticket=…) is enough instead of a token
+
+  /// Whether it changes something: then it is written who asked.
+  bool changes() const { return scope.any_of(Scopes::changing()); }
 };
 
 /// An answer that is a problem (RFC 9457).

@@ -1,12 +1,18 @@
 #include "components/gateway/http/server.h"
 
 #include <openssl/ssl.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 #include <boost/asio/ip/v6_only.hpp>
 #include <nlohmann/json.hpp>
 
+#include "components/gateway/access/certificate.h"
+#include "components/gateway/access/local_user.h"
+#include "components/gateway/http/audited.h"
 #include "components/gateway/http/server_impl.h"
 #include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::gateway::http {
 
@@ -57,7 +63,12 @@ FairPool::Options pool_options(const ServerOptions& o) {
 bool is_loopback(const std::string& address, const std::string& place) { return address_of(address, place).is_loopback(); }
 
 Server::Impl::Impl(ServerOptions given, const Router& table)
-    : options(std::move(given)), router(table), pool_(pool_options(options)) {
+    : options(std::move(given)),
+      router(table),
+      token_file_(options.token_file),
+      certificate_(options.certificate),
+      key_(options.key),
+      pool_(pool_options(options)) {
   if (options.certificate.empty() != options.key.empty())
     throw Error(options.place, "certificate and key must be given together, expected both or neither");
   if (!options.authority.hosts.empty()) name = options.authority.hosts.back();
@@ -65,31 +76,113 @@ Server::Impl::Impl(ServerOptions given, const Router& table)
     for (const std::string& text : *addresses) {
       const asio::ip::address address = address_of(text, options.place);
       options.authority.hosts.push_back(text_of(reachable(address)));
-      if (address.is_loopback() || (!options.certificate.empty() && !options.tokens.empty())) continue;
+      if (address.is_loopback() || (!options.certificate.empty() && !options.token_file.empty())) continue;
       throw Error(options.place,
                   "address " + text +
                       " can be reached from other machines, expected a certificate, a key and a file of tokens " +
                       "for it (or 127.0.0.1, which needs none)");
     }
   }
+  if (!options.token_file.empty()) {
+    tokens = access::Tokens::load(options.token_file);
+    if (tokens.empty()) throw Error(options.token_file.string(), "has no token, expected lines such as: operate TOKEN");
+  }
   if (!options.certificate.empty()) load_certificate();
 }
 
 void Server::Impl::load_certificate() {
-  check_secret(options.key);
-  tls.emplace(asio::ssl::context::tls_server);
-  SSL_CTX* const ssl = tls->native_handle();
+  const access::Certified certified = access::load_certificate(options.certificate, options.key, clock.now());
+  asio::ssl::context made(asio::ssl::context::tls_server);
+  SSL_CTX* const ssl = made.native_handle();
   // RFC 9325: TLS 1.2 with forward secrecy and authenticated encryption, or 1.3.
   SSL_CTX_set_min_proto_version(ssl, TLS1_2_VERSION);
   SSL_CTX_set_cipher_list(ssl, "ECDHE+AESGCM:ECDHE+CHACHA20");
   SSL_CTX_set_options(ssl, SSL_OP_NO_RENEGOTIATION | SSL_OP_NO_COMPRESSION | SSL_OP_CIPHER_SERVER_PREFERENCE);
   ErrorCode error;
-  tls->use_certificate_chain_file(options.certificate.string(), error);
+  made.use_certificate_chain(asio::buffer(certified.chain), error);
   if (error) throw Error(options.certificate.string(), "cannot be used as a certificate (PEM): " + error.message());
-  tls->use_private_key_file(options.key.string(), asio::ssl::context::pem, error);
+  made.use_private_key(asio::buffer(certified.key.text), asio::ssl::context::pem, error);
   if (error)
     throw Error(options.key.string(),
                 "cannot be used as the key of " + options.certificate.string() + " (PEM): " + error.message());
+  tls = std::move(made);
+}
+
+std::chrono::seconds Server::Impl::note_wrong_token(const std::string& address) {
+  constexpr std::chrono::seconds kLate{1};
+  const access::Offences::Verdict verdict = wrong_tokens_.note(address, std::chrono::steady_clock::now());
+  if (verdict.told) {
+    access::log("wrong token or ticket from " + address +
+                (verdict.since_told > 0 ? ", and " + std::to_string(verdict.since_told) + " before" : ""));
+  }
+  return verdict.late ? kLate : std::chrono::seconds(0);
+}
+
+LocalUser Server::Impl::find_local_user(const tcp::socket& socket) const {
+  ErrorCode error;
+  const tcp::endpoint peer = socket.remote_endpoint(error), own = error ? peer : socket.local_endpoint(error);
+  const auto user = error ? std::nullopt : access::user_at(*peer.data(), *own.data());
+  const bool may = options.local_writes || user == ::getuid() || user == 0u;
+  return {user ? "local user " + std::to_string(*user) : "unknown local user", may ? Scopes::all() : Scopes(Scope::kRead)};
+}
+
+std::array<std::int64_t, 7> Server::Impl::Watched::mark() const {
+  struct stat s = {};
+  if (file_.empty() || ::stat(file_.c_str(), &s) != 0) return {};
+  return {static_cast<std::int64_t>(s.st_dev),
+          static_cast<std::int64_t>(s.st_ino),
+          s.st_size,
+          s.st_mtim.tv_sec,
+          s.st_mtim.tv_nsec,
+          s.st_ctim.tv_sec,
+          s.st_ctim.tv_nsec};
+}
+
+bool Server::Impl::Watched::changed() {
+  const auto now = mark();
+  const bool rests = std::exchange(seen_, now) == now;
+  return rests && std::exchange(read_, now) != now;
+}
+
+/// What is wrong with a new file is told once, and the old content holds.
+void Server::Impl::look_at_files() {
+  const auto read_again = [](const auto& read) {
+    try {
+      access::log(read() + ": was changed and read again");
+    } catch (const Error& error) {
+      access::log(std::string("what was read before holds on: ") + error.what());
+    }
+  };
+  if (token_file_.changed()) {
+    read_again([&] {
+      tokens = access::Tokens::load(options.token_file);
+      return options.token_file.string() + " with " + text::counted(static_cast<std::int64_t>(tokens.size()), "token");
+    });
+  }
+  if (const bool other = certificate_.changed(); key_.changed() || other) {
+    read_again([&] {
+      load_certificate();
+      return options.certificate.string();
+    });
+  }
+}
+
+/// Closes what is done for tokens that are not valid any more.
+void Server::Impl::end_bearers() {
+  std::vector<std::shared_ptr<Client>> gone;
+  for (const auto& [key, client] : clients) {
+    if (client->bearer && find_bearer(*client->bearer) == nullptr) gone.push_back(client);
+  }
+  for (const auto& client : gone) client->abort();
+}
+
+void Server::Impl::look() {
+  next_look_.expires_after(std::chrono::milliseconds(static_cast<std::int64_t>(1e3 * options.limits.look)));
+  next_look_.async_wait([this](const ErrorCode& stopped) {
+    if (!stopped) look();
+  });
+  look_at_files();
+  end_bearers();
 }
 
 bool Server::Impl::listen(const std::string& text, bool must) {
@@ -126,6 +219,7 @@ void Server::Impl::open() {
 
 void Server::Impl::start() {
   for (const auto& listener : listeners_) accept(*listener);
+  if (!options.token_file.empty() || !options.certificate.empty()) look();
   thread_ = std::thread([this] {
     const auto work = asio::make_work_guard(context);
     for (;;) {
@@ -185,8 +279,10 @@ void Server::Impl::admit(tcp::socket socket) {
 
 void Server::Impl::handle(const Router::Entry& entry, std::shared_ptr<Request> request, Reply reply,
                           std::function<bool()> given_up) {
-  const auto run = [&entry, request, reply] {
+  const auto run = [&entry, request, given = reply] {
+    Reply reply = given;
     try {
+      if (entry.route.changes()) reply = audited(*request, given);
       entry.handler(*request, reply);
     } catch (const Refusal& refusal) {
       reply(to_response(refusal.problem, refusal.fields));
@@ -202,18 +298,16 @@ void Server::Impl::handle(const Router::Entry& entry, std::shared_ptr<Request> r
   const auto verdict = pool_.post(request->owner, [run, given_up = std::move(given_up)] {
     if (!given_up()) run();
   });
-  switch (verdict) {
-    case FairPool::Verdict::kTaken:
-      return;
-    case FairPool::Verdict::kOwnerFull:
-      return reply(to_response({429,
-                                "too many requests of this client wait for an answer, expected at most " +
-                                    std::to_string(options.limits.owner_requests),
-                                "", ""},
-                               {{"Retry-After", "1"}}));
-    case FairPool::Verdict::kFull:
-      return reply(to_response({503, "too many requests wait for an answer", "", ""}, {{"Retry-After", "1"}}));
-  }
+  if (verdict == FairPool::Verdict::kTaken) return;
+  const Problem full = verdict == FairPool::Verdict::kOwnerFull
+                           ? Problem{429,
+                                     "too many requests of this client wait for an answer, expected at most " +
+                                         std::to_string(options.limits.owner_requests),
+                                     "", ""}
+                           : Problem{503, "too many requests wait for an answer", "", ""};
+  const Response refused = to_response(full, {{"Retry-After", "1"}});
+  if (entry.route.changes()) audit_refusal(*request, refused);
+  reply(refused);
 }
 
 void Server::Impl::stop() noexcept {
@@ -226,6 +320,7 @@ void Server::Impl::stop() noexcept {
         listener->acceptor.close(none);
         listener->pause.cancel();
       }
+      next_look_.cancel();
       while (!clients.empty()) clients.begin()->second->abort();
       context.stop();
     });

@@ -6,7 +6,8 @@
 #include <string>
 #include <vector>
 
-#include "components/gateway/http/access.h"
+#include "components/gateway/access/access.h"
+#include "components/gateway/access/audit.h"
 #include "components/gateway/http/router.h"
 #include "components/gateway/http/stream.h"
 
@@ -28,6 +29,7 @@ struct Limits {
   double answer = 60;                    // s, until a handler has answered
   double idle = 60;                      // s, until the first byte
   double response = 30;                  // s, to write a response or what waits in a stream
+  double look = 0.4;                     // s, between looks at files of tokens and certificates, and for tokens that are over
   double heartbeat = 15;                 // s, between events "heartbeat" of a stream without others
 };
 
@@ -36,9 +38,12 @@ struct ServerOptions {
   std::vector<std::string> if_there;       // the same, but left out where this machine does not have them
   std::uint16_t port = 0;                  // 0: a free one, the same for all addresses
   std::filesystem::path certificate, key;  // PEM, with the chain; both or neither. Neither: no TLS
-  Tokens tokens;                           // empty: everybody may do everything
-  std::shared_ptr<Tickets> tickets = std::make_shared<Tickets>();
-  Authority authority;  // the addresses are added to its hosts, for 0.0.0.0 and :: the loopback address
+  std::filesystem::path token_file;        // empty: no tokens
+  bool local_writes =
+      false;  // without tokens: all users of this machine may change something, not only the one who runs this and root
+  std::shared_ptr<access::Audit> audit;  // of what changes something; nullptr: none
+  std::shared_ptr<access::Tickets> tickets = std::make_shared<access::Tickets>();
+  access::Authority authority;  // the addresses are added to its hosts, for 0.0.0.0 and :: the loopback address
   Limits limits;
   int threads = 2;                // of the pool for slow routes; up to 14 more while requests take long (FairPool)
   std::string place = "gateway";  // in messages
@@ -49,7 +54,8 @@ struct ServerOptions {
 class Server {
  public:
   /// Opens the sockets and starts the threads. `router` outlives the server. Throws Error: an address that cannot be used, a certificate
-  /// that cannot be read; an address other than loopback without TLS and tokens.
+  /// or tokens that cannot be used (access::load_certificate, access::Tokens); an address other than loopback without TLS and tokens.
+  /// Changed files of tokens, certificate and key are read again; one that cannot be used is told in the log, and the old one holds.
   Server(ServerOptions options, const Router& router);
   /// stop()
   ~Server();

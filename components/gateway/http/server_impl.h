@@ -1,13 +1,17 @@
 #pragma once
+#include <array>
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/steady_timer.hpp>
 #include <boost/beast/http.hpp>
+#include <chrono>
+#include <filesystem>
 #include <map>
 #include <mutex>
 #include <string>
 #include <thread>
 #include <vector>
 
+#include "components/gateway/access/offences.h"
 #include "components/gateway/http/any_stream.h"
 #include "components/gateway/http/channel.h"
 #include "components/gateway/http/fair_pool.h"
@@ -41,6 +45,14 @@ class Client {
   virtual ~Client() = default;
   /// Closes the connection at once.
   virtual void abort() = 0;
+
+  std::optional<access::Digest> bearer;  // the token of what it does at present, if it needs one
+};
+
+/// A client without a token, at the loopback address.
+struct LocalUser {
+  std::string name;
+  Scopes scopes;
 };
 
 struct Server::Impl {
@@ -54,13 +66,22 @@ struct Server::Impl {
   /// Runs a handler: here, or on the pool, unless `given_up` by then. `reply` is called on any thread.
   void handle(const Router::Entry& entry, std::shared_ptr<Request> request, Reply reply, std::function<bool()> given_up);
 
+  /// nullptr: the token is not valid now.
+  const access::Bearer* find_bearer(const access::Digest& token) { return tokens.find(token, clock.now()); }
+  /// Returns how long the answer to it waits.
+  std::chrono::seconds note_wrong_token(const std::string& address);
+  /// Who is at the other end of this connection.
+  LocalUser find_local_user(const tcp::socket& socket) const;
+
   ServerOptions options;
   const Router& router;
   Counts counts;
   std::map<std::string, std::size_t> slots;  // connections by address; only those with any
   std::size_t refusing = 0;                  // connections that only get a refusal
   asio::io_context context{1};
-  std::optional<asio::ssl::context> tls;
+  std::optional<asio::ssl::context> tls;  // of new connections
+  access::Tokens tokens;
+  ForwardClock clock;
   std::shared_ptr<ServerLoop> loop = std::make_shared<ServerLoop>(context);
   std::map<Client*, std::shared_ptr<Client>> clients;
   std::uint16_t port = 0;
@@ -72,12 +93,31 @@ struct Server::Impl {
     tcp::acceptor acceptor;
     asio::steady_timer pause;
   };
+  /// A file that is read again when it was changed.
+  class Watched {
+   public:
+    /// Before it is read for the first time.
+    explicit Watched(std::filesystem::path file) : file_(std::move(file)), seen_(mark()), read_(seen_) {}
+    /// Whether it is another one than when this said so last, and the same as at the last call: whoever writes it has ended.
+    bool changed();
+
+   private:
+    std::array<std::int64_t, 7> mark() const;
+    std::filesystem::path file_;
+    std::array<std::int64_t, 7> seen_, read_;
+  };
   void load_certificate();
+  void look_at_files();
+  void end_bearers();
+  void look();
   bool listen(const std::string& address, bool must);
   void accept(Listener& listener);
   void admit(tcp::socket socket);
 
   std::vector<std::unique_ptr<Listener>> listeners_;
+  Watched token_file_, certificate_, key_;
+  asio::steady_timer next_look_{context};
+  access::Offences wrong_tokens_{1};
   FairPool pool_;
   std::thread thread_;
   bool stopped_ = false;
@@ -92,6 +132,7 @@ class ConnectionSlot {
   ~ConnectionSlot() {
     if (--server_.slots[address_] == 0) server_.slots.erase(address_);
   }
+  const std::string& address() const { return address_; }
   ConnectionSlot(const ConnectionSlot&) = delete;
   ConnectionSlot& operator=(const ConnectionSlot&) = delete;
 
@@ -105,8 +146,8 @@ void serve(Server::Impl& server, tcp::socket socket, std::unique_ptr<ConnectionS
 /// Sends a refusal and closes the connection, in order.
 void refuse_connection(Server::Impl& server, tcp::socket socket, Response refusal);
 
-/// Makes a WebSocket of a connection whose request was granted (web_socket.cpp).
-void upgrade(Server::Impl& server, AnyStream stream, std::unique_ptr<ConnectionSlot> slot,
+/// Makes a WebSocket of a connection whose request was granted (web_socket.cpp). `bearer`: its token, if it needs one.
+void upgrade(Server::Impl& server, AnyStream stream, std::unique_ptr<ConnectionSlot> slot, std::optional<access::Digest> bearer,
              const beast::http::request<beast::http::string_body>& request,
              std::function<void(const std::shared_ptr<Stream>&)> opened);
 

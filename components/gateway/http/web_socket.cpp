@@ -158,10 +158,11 @@ class WebSocket final : public Client, public std::enable_shared_from_this<WebSo
 
 }  // namespace
 
-void upgrade(Server::Impl& server, AnyStream stream, std::unique_ptr<ConnectionSlot> slot,
+void upgrade(Server::Impl& server, AnyStream stream, std::unique_ptr<ConnectionSlot> slot, std::optional<access::Digest> bearer,
              const beast::http::request<beast::http::string_body>& request,
              std::function<void(const std::shared_ptr<Stream>&)> opened) {
   const auto socket = std::make_shared<WebSocket>(server, std::move(stream), std::move(slot));
+  socket->bearer = bearer;
   server.add(socket);
   socket->start(request, std::move(opened));
 }

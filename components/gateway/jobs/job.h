@@ -1,5 +1,4 @@
 #pragma once
-#include <chrono>
 #include <cstddef>
 #include <cstdint>
 #include <optional>
@@ -7,11 +6,11 @@
 #include <string_view>
 #include <vector>
 
+#include "components/gateway/access/utc.h"
+
 /// The data of job control. States, numbers and verbs are those of OPC 10031-4 V2.00 (ISA-95 Job Control), the result those of
 /// OPC 40001-3.
 namespace cotwin::gateway {
-
-using UtcTime = std::chrono::sys_time<std::chrono::milliseconds>;
 
 /// StateNumber. A failed job is kEnded or kAborted with JobResult::kUnsuccessful; a queued job is kAllowedToStart.
 enum class JobState : std::int32_t {
@@ -43,11 +42,6 @@ std::optional<JobState> state_of(std::string_view name);
 std::optional<JobVerb> verb_of(std::string_view name);
 /// Ended or Aborted: the state does not change any more.
 constexpr bool is_done(JobState state) { return state == JobState::kEnded || state == JobState::kAborted; }
-
-/// ISO 8601 in UTC with milliseconds: "2026-11-22T00:45:00.000Z".
-std::string to_text(UtcTime time);
-/// Reads an ISO 8601 date and time with "Z" or an offset such as "+01:00", years 1970 to 9999; nullopt for anything else.
-std::optional<UtcTime> time_of(std::string_view text);
 
 struct LocalizedText {
   std::string locale, text;

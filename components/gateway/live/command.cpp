@@ -70,7 +70,7 @@ RunRequest read_command(std::string_view body) {
   RunRequest request;
   if (!j.contains("command") || !j["command"].is_string()) refuse(422, "expected a word", "/command");
   try {
-    request.verb = text::choose("the command", j["command"].get<std::string>(), kVerbWords);
+    request.verb = text::choose("the command", j["command"].get<std::string>(), bus::kRunVerbWords);
   } catch (const Error& error) {
     refuse(422, error.what(), "/command");
   }

@@ -23,10 +23,4 @@ RunRequest read_command(std::string_view body);
 /// {"value": 100, "time_s": 1.5}, for the tunable `name`. `check` is called once the members are known to be right.
 RunRequest read_change(std::string_view body, const std::string& name, const std::function<void()>& check);
 
-inline constexpr std::pair<const char*, bus::RunVerb> kVerbWords[] = {{"set", bus::RunVerb::kSet},
-                                                                      {"pause", bus::RunVerb::kPause},
-                                                                      {"resume", bus::RunVerb::kResume},
-                                                                      {"step", bus::RunVerb::kStep},
-                                                                      {"stop", bus::RunVerb::kStop}};
-
 }  // namespace cotwin::gateway::live

@@ -24,6 +24,7 @@ using bus::RunVerb;
 using http::Refusal;
 using http::Request;
 using http::Response;
+using http::Scope;
 
 constexpr std::int64_t kValuesWait = 1'000'000'000, kAnswerWait = 2'000'000'000;  // ns
 constexpr std::size_t kMostNames = 256, kMostElements = LiveRun::kMaxWatched / 4;
@@ -140,7 +141,7 @@ std::shared_ptr<LiveRun> Live::run() const {
   return run;
 }
 
-std::string Live::state() const {
+std::string Live::state(http::Scopes scopes) const {
   const std::shared_ptr<LiveRun> r = run();
   const bus::RunFacts& f = r->facts();
   Json j = Json::parse(to_json(r->position()));
@@ -155,6 +156,11 @@ std::string Live::state() const {
   if (!f.unpausable.empty()) j["why_not"] = f.unpausable;
   j["signals"] = r->signals().size();
   j["commands"] = commands_.load();
+  j["may"] = Json::array();
+  for (const auto& [word, scope] : access::kScopeWords) {
+    const bool is_command = scope != Scope::kRead && scope != Scope::kJobs;
+    if (scopes.has(scope) && (!is_command || commands_)) j["may"].push_back(word);
+  }
   return j.dump();
 }
 
@@ -207,13 +213,27 @@ void Live::must_permit_commands() const {
     refuse(403, "this gateway takes no commands to the run and sets no values (parameter commands of unit:gateway)");
 }
 
-std::string Live::ask(const RunRequest& request) const {
+void Live::must_permit(const RunRequest& request, http::Scopes scopes) {
+  const auto must = [&](Scope scope, const std::string& what) {
+    if (!scopes.has(scope)) refuse(403, "expected the scope " + http::Scopes(scope).words("") + " to " + what);
+  };
+  if (request.verb == RunVerb::kStop) return must(Scope::kEnd, "end the run");
+  if (request.verb != RunVerb::kSet) return must(Scope::kTune, "pause and step the run");
+  for (const LiveRun::Change& change : request.changes) {
+    // Variables of a unit inside a packed twin have its name before theirs.
+    const std::string name = "." + change.name.substr(0, change.name.find('['));
+    must(name.ends_with(".acknowledge") ? Scope::kAcknowledge : Scope::kTune, "set " + change.name);
+  }
+}
+
+std::string Live::ask(const RunRequest& request, http::Scopes scopes, const std::string& by) const {
   must_permit_commands();
+  must_permit(request, scopes);
   const std::shared_ptr<LiveRun> r = run();
   if (r->position().phase == bus::RunPhase::kEnded) refuse(409, "the run has ended");
   std::optional<LiveRun::Answer> answer;
   try {
-    LiveRun::Control control(r);
+    LiveRun::Control control(r, by);
     if (request.verb == RunVerb::kSet) {
       control.set(request.changes, request.at);
     } else {
@@ -238,7 +258,7 @@ std::string Live::ask(const RunRequest& request) const {
       hurry_streams();
       break;
   }
-  return Json{{"command", text::word_of(request.verb, kVerbWords)},
+  return Json{{"command", text::word_of(request.verb, bus::kRunVerbWords)},
               {"tick", answer->tick},
               {"time_s", r->time(answer->tick).seconds()},
               {"phase", text::word_of(r->position().phase, bus::kRunPhaseWords)}}
@@ -266,7 +286,7 @@ void Live::add_page_routes(http::Router& router) {
   page.pattern = "/";
   page.id = "getPage";
   page.summary = "The run in a browser, or what this gateway has";
-  page.scope = http::Scope::kNone;
+  page.scope = {};
   page.gives = "text/html";
   page.answers = {{200, "Html", "The page, without anything of the run", "text/html"}};
   router.add(page, [this](const Request&) { return front(); });
@@ -303,14 +323,16 @@ void Live::add_routes(http::Router& router) {
                  http::problem_answer(503, "The run has not begun, or is within a long tick, or there is no room")};
     return r;
   };
-  const http::Answer forbidden = http::problem_answer(403, "The token may read only, or this gateway takes no commands");
+  const http::Answer forbidden =
+      http::problem_answer(403, "The token, or the local user, may not do this, or this gateway takes no commands");
   const http::Answer wrong = http::problem_answer(422, "An unknown name, or a value that is not permitted");
   const http::Answer ended = http::problem_answer(409, "The run has ended, cannot pause, or the time has passed");
   const http::Parameter names{"names", "query",
                               "signals, component.variable or component.variable[element], separated by commas",
                               R"({"type":"string"})", true};
 
-  router.add(route("GET", "/run", "getRun", "State of the run", "Run"), [this](const Request&) { return give(state()); });
+  router.add(route("GET", "/run", "getRun", "State of the run", "Run"),
+             [this](const Request& request) { return give(state(request.scopes)); });
 
   http::Route list = route("GET", "/run/signals", "listSignals", "The variables of the run", "Signals");
   list.parameters = {{"component", "query", "only those of this component"}};
@@ -328,7 +350,7 @@ void Live::add_routes(http::Router& router) {
   router.add(values_route, [this](const Request& request) { return give(values(names_of(request), request.owner)); });
 
   http::Route put = route("PUT", "/run/tunables/{name}", "setTunable", "Sets a tunable or a free input", "Accepted");
-  put.scope = http::Scope::kOperate;
+  put.scope = Scope::kTune | Scope::kAcknowledge;
   put.takes = "TunableValue";
   put.answers.push_back(forbidden);
   put.answers.push_back(wrong);
@@ -344,12 +366,12 @@ void Live::add_routes(http::Router& router) {
         refuse(404, detail_of(error));
       }
     });
-    return give(ask(set));
+    return give(ask(set, request.scopes, request.by));
   });
 
   http::Route command =
       route("POST", "/run/commands", "commandRun", "Pause, resume, step, stop, or set several values at once", "Accepted");
-  command.scope = http::Scope::kOperate;
+  command.scope = Scope::kTune | Scope::kAcknowledge | Scope::kEnd;
   command.takes = "RunCommand";
   command.answers.push_back(forbidden);
   command.answers.push_back(wrong);
@@ -357,7 +379,7 @@ void Live::add_routes(http::Router& router) {
   command.slow = true;
   router.add(command, [this](const Request& request) {
     must_permit_commands();
-    return give(ask(read_command(request.body)));
+    return give(ask(read_command(request.body), request.scopes, request.by));
   });
 
   http::Route events =

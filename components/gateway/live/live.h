@@ -41,12 +41,13 @@ class Live {
   std::shared_ptr<bus::LiveRun> find_run() const;
 
   /// What the routes and MQTT answer; JSON text. Throw http::Refusal.
-  std::string state() const;
+  std::string state(http::Scopes scopes) const;
   std::string signals(const std::string& component) const;
   /// Waits up to a second for the end of the tick. `owner`: whose share of the watched values it takes meanwhile.
   std::string values(const std::vector<std::string>& names, const std::string& owner) const;
-  /// Waits up to two seconds for the loop. Refuses with status 403 where commands are not permitted.
-  std::string ask(const RunRequest& request) const;
+  /// Waits up to two seconds for the loop. Refuses with status 403 where commands are not permitted, and without the scope for it: end for
+  /// stop, acknowledge for inputs of that name, tune for everything else. `by`: see bus::LiveRun::Control.
+  std::string ask(const RunRequest& request, http::Scopes scopes, const std::string& by) const;
 
   /// GET / and /run/page, if the run has a page; GET /run, /run/signals, /run/values, /run/stream; PUT /run/tunables/{name}; POST /run/commands. The table of routes ends before this.
   void add_routes(http::Router& router);
@@ -61,6 +62,7 @@ class Live {
   void add_page_routes(http::Router& router);
   http::Response front() const;
   void must_permit_commands() const;
+  static void must_permit(const RunRequest& request, http::Scopes scopes);
   /// A value was changed.
   void hurry_streams() const;
   void begin(const std::shared_ptr<http::Stream>& to, const StreamOrder& order);

@@ -27,8 +27,9 @@ void Live::add_schemas(http::Router& router) {
       "clock": {"enum": ["free", "wall", "arrivals", "locked"]},
       "can_pause": {"type": "boolean"}, "why_not": {"type": "string"}, "signals": {"type": "integer"},
       "has_page": {"type": "boolean", "description": "Whether GET /run/page has it"},
-      "commands": {"type": "boolean", "description": "Whether this gateway takes commands to the run and sets its values"}},
-    "required": ["phase", "tick", "time_s", "changes", "scenario", "start_s", "stop_s", "tick_s", "ticks", "clock", "can_pause", "signals", "has_page", "commands"],
+      "commands": {"type": "boolean", "description": "Whether this gateway takes commands to the run and sets its values"},
+      "may": {"type": "array", "items": {"enum": ["read", "jobs", "tune", "acknowledge", "end"]}, "description": "What the one who asks may do now"}},
+    "required": ["phase", "tick", "time_s", "changes", "scenario", "start_s", "stop_s", "tick_s", "ticks", "clock", "can_pause", "signals", "has_page", "commands", "may"],
     "additionalProperties": false})");
   router.add_schema("Element",
                     R"({"type": ["number", "boolean", "null"], "description": "null: a number that is not finite"})");

@@ -6,7 +6,7 @@
 #include <chrono>
 #include <utility>
 
-#include "components/gateway/http/access.h"
+#include "components/gateway/access/certificate.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/file.h"
 #include "models/foundation/support/text.h"
@@ -19,7 +19,6 @@ constexpr std::chrono::seconds kConnectTimeout{5}, kKeepAlive{10};
 constexpr std::chrono::milliseconds kDisconnectTimeout{500};
 constexpr int kMostInFlight = 32;
 constexpr std::uint32_t kWillDelay = 5;  // s: a short interruption is not reported
-constexpr std::uint64_t kLargestFile = 1 << 20;
 
 /// "tcp://…" or "ssl://…", as Paho calls them.
 std::string server_of(const BrokerOptions& o) {
@@ -58,7 +57,7 @@ struct BrokerSession::Impl final : ::mqtt::iaction_listener {
       ::mqtt::ssl_options tls;
       if (!options.authority.empty()) tls.set_trust_store(options.authority.string());
       if (!options.certificate.empty()) {
-        http::check_secret(options.key);
+        (void)access::load_certificate(options.certificate, options.key, utc_now());
         tls.set_key_store(options.certificate.string());
         tls.set_private_key(options.key.string());
       }
@@ -89,8 +88,7 @@ struct BrokerSession::Impl final : ::mqtt::iaction_listener {
   }
 
   void read_login(const std::filesystem::path& file) {
-    http::check_secret(file);
-    const std::string content = text::read_file(file, "user and password", kLargestFile);
+    const std::string content = access::read_secret(file, "user and password");
     const std::size_t end = content.find('\n');
     if (end == std::string::npos) throw Error(file.string(), "has one line, expected two: the user and the password");
     const std::string_view user = text::trim(std::string_view(content).substr(0, end));

@@ -25,6 +25,7 @@ struct ServeArguments {
   std::optional<fs::path> database;
   std::vector<std::string> hosts, origins, set;
   std::optional<double> seconds;
+  std::string local_writes = "owner";
   bool no_jobs = false, commands = false, quiet = false;
 };
 
@@ -117,6 +118,7 @@ int serve(const ServeArguments& a) {
   set("workers", std::to_string(a.workers));
   set("database", a.no_jobs ? "" : a.database.value_or(a.out / "jobs.sqlite").string());
   set("commands", a.commands ? "true" : "false");
+  set("local_writes", a.local_writes);
   set("url_file", url_file.string());
   run.set.insert(run.set.end(), a.set.begin(), a.set.end());
   run.started = [&] {
@@ -148,7 +150,9 @@ void add_serve(CLI::App& app, Chosen& chosen) {
       ->check(CLI::Range(0, 65535))
       ->type_name("PORT");
   command
-      ->add_option("--token-file", a.tokens, "Tokens that clients must send: lines 'read TOKEN' or 'operate TOKEN', mode 600")
+      ->add_option(
+          "--token-file", a.tokens,
+          "Tokens that clients must send: lines 'SCOPE[,SCOPE] TOKEN [name=NAME] [until=TIME]', mode 600 (docs/gateway.md)")
       ->type_name("FILE");
   command->add_option("--certificate", a.certificate, "Certificate and its chain for TLS, PEM")->type_name("FILE");
   command->add_option("--key", a.key, "Key of the certificate, PEM, mode 600")->type_name("FILE");
@@ -166,6 +170,13 @@ void add_serve(CLI::App& app, Chosen& chosen) {
   command->add_flag(
       "--commands", a.commands,
       "Clients may also pause and stop this program's own run (POST /run/commands); without it they get status 403");
+  command
+      ->add_option("--local-writes", a.local_writes,
+                   "Who on this machine may order jobs and change something without --token-file; owner: who runs the gateway, "
+                   "and root; all: all users. The others may read")
+      ->capture_default_str()
+      ->check(CLI::IsMember({"owner", "all"}))
+      ->type_name("WHO");
   command->add_option("--workers", a.workers, "Processes that compute jobs")
       ->capture_default_str()
       ->check(CLI::Range(1, 256))

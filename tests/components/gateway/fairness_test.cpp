@@ -14,6 +14,7 @@
 
 #include "components/gateway/http/fair_pool.h"
 #include "components/gateway/http/server.h"
+#include "tests/support/files.h"
 #include "tests/support/http_client.h"
 #include "tests/support/patience.h"
 
@@ -241,7 +242,8 @@ TEST(GatewayFairness, LongRequestsOfOneClientDoNotDelayShortOnesOfOthers) {
 
 TEST(GatewayFairness, AClientWithATokenIsOneOwnerOverAllItsConnections) {
   ServerOptions options;
-  options.tokens = Tokens::parse("read aaaaaaaaaaaaaaaaaaaa\nread bbbbbbbbbbbbbbbbbbbb", "tokens");
+  const testing::SecretFile tokens("read aaaaaaaaaaaaaaaaaaaa\nread bbbbbbbbbbbbbbbbbbbb");
+  options.token_file = tokens.path();
   options.limits.owner_requests = 2;
   Subject subject(std::move(options));
   const std::string a = "Authorization: Bearer aaaaaaaaaaaaaaaaaaaa\r\n", b = "Authorization: Bearer bbbbbbbbbbbbbbbbbbbb\r\n";
@@ -299,7 +301,8 @@ TEST(GatewayFairness, TellsManyConnectionsAtOnceThatThereAreTooMany) {
 TEST(GatewayFairness, AnswersInTimeThatThereIsNoAnswerAndForgetsRequestsThatWait) {
   ServerOptions options;
   options.limits.answer = 0.2;
-  options.tokens = Tokens::parse("read aaaaaaaaaaaaaaaaaaaa", "tokens");
+  const testing::SecretFile tokens("read aaaaaaaaaaaaaaaaaaaa");
+  options.token_file = tokens.path();
   Subject subject(std::move(options));
   const std::string token = "Authorization: Bearer aaaaaaaaaaaaaaaaaaaa\r\n";
   std::vector<std::unique_ptr<RawClient>> clients;

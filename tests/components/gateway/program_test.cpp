@@ -14,6 +14,7 @@
 #include <thread>
 #include <vector>
 
+#include "tests/components/gateway/gateway_program.h"
 #include "tests/support/files.h"
 #include "tests/support/http_client.h"
 #include "tests/support/patience.h"
@@ -25,6 +26,8 @@ namespace {
 
 namespace fs = std::filesystem;
 using cotwin::testing::content;
+using cotwin::testing::Gateway;
+using cotwin::testing::has;
 using cotwin::testing::http_call;
 using cotwin::testing::http_request;
 using cotwin::testing::HttpReply;
@@ -40,52 +43,9 @@ using cotwin::testing::within_patience;
 using nlohmann::json;
 using ::testing::HasSubstr;
 
-bool has(const std::string& program) { return run_command({"sh", "-c", "command -v " + program}).code == 0; }
-
 const std::string kMove = R"("robot":"lwr4","from_q_rad":[0,-0.9,0,1.2,0,0.6,0],"to_q_rad":[1.2,0.9,0,-1.2,0,-0.6,0])";
 const std::string kSearch = R"({"service":"optimise",)" + kMove +
                             R"(,"T_min_s":2.0,"degree":7,"cost":"torque","particles":16,"rounds":5,"refine":false})";
-
-/// The program `cotwin serve` at a free port.
-class Gateway {
- public:
-  explicit Gateway(const fs::path& out, const std::vector<std::string>& options = {})
-      : Gateway(options, out, {"serve", "--port", "0", "--out", out, "--quiet"}) {}
-  /// The unit in a run, with everything that clients can ask of it.
-  static Gateway in_run(const fs::path& scenario, const fs::path& out, const std::vector<std::string>& more = {}) {
-    std::vector<std::string> options;
-    for (const std::string& value :
-         {std::string("port=0"), "url_file=" + (out / "url.txt").string(), "database=" + (out / "jobs.sqlite").string()})
-      options.insert(options.end(), {"--set", "gateway." + value});
-    for (const std::string& value : more) options.insert(options.end(), {"--set", "gateway." + value});
-    return Gateway(options, out, {"run", scenario, "--out", out, "--quiet"});
-  }
-  Gateway(const std::vector<std::string>& options, const fs::path& out, std::vector<std::string> arguments) : out_(out) {
-    fs::remove(out / "url.txt");
-    arguments.insert(arguments.end(), options.begin(), options.end());
-    process_ = std::make_unique<Process>(start_program(std::move(arguments)));
-    if (!within_patience([&] { return !url().empty(); })) throw std::runtime_error("no gateway: " + process_->wait().err);
-    port_ = static_cast<std::uint16_t>(std::stoi(url().substr(url().rfind(':') + 1)));
-  }
-  std::string url() const {
-    std::ifstream in(out_ / "url.txt");
-    std::string line;
-    std::getline(in, line);
-    return in.eof() ? "" : line;
-  }
-  std::uint16_t port() const { return port_; }
-  Process& process() { return *process_; }
-  HttpReply call(const std::string& method, const std::string& target, const std::string& body = "",
-                 const std::string& fields = "") const {
-    return http_call(port_, method, target, body, fields);
-  }
-  json get(const std::string& target) const { return json::parse(call("GET", target).body); }
-
- private:
-  fs::path out_;
-  std::unique_ptr<Process> process_;
-  std::uint16_t port_ = 0;
-};
 
 /// The response to a job after its end, which may take minutes on a loaded machine.
 json ended(const Gateway& gateway, const std::string& id) {
@@ -168,7 +128,10 @@ TEST(ServeCommand, AnswersEachPathAsItsDocumentSays) {
   const TemporaryFolder folder("serve");
   const fs::path tests = fs::path(cotwin::places::source()) / "tests/components/gateway";
   const std::string tokens = folder.path() / "tokens";
-  std::ofstream(tokens) << "read 0123456789abcdef-read\noperate 0123456789abcdef-operate\n";
+  std::string lines;
+  for (const std::string scope : {"read", "jobs", "tune", "acknowledge", "end", "operate"})
+    lines += scope + " 0123456789abcdef-" + scope + "\n";
+  std::ofstream(tokens) << lines;
   fs::permissions(tokens, fs::perms(0600));
   fs::create_directories(folder.path() / "run");
   const Gateway run = Gateway::in_run(tests / "openapi.ssd", folder.path() / "run");

@@ -58,7 +58,7 @@ struct Subject {
     });
     Route change = route("PUT", "/things/{id}");
     change.takes = "Any";
-    change.scope = Scope::kOperate;
+    change.scope = Scope::kTune;
     router.add(change, [](const Request& r) {
       Response response;
       response.body = nlohmann::json{{"id", r.part("id")}}.dump();
@@ -329,73 +329,6 @@ TEST(GatewayServer, StopsWhileClientsWaitWatchAndSendHalfARequest) {
   EXPECT_FALSE(stream->send({"later", "", "{}"})) << "also when the server is gone";
 }
 
-TEST(GatewayAccess, GivesTokensTheirScopeAndNoMore) {
-  ServerOptions options;
-  options.tokens = Tokens::parse("# two clients\nread aaaaaaaaaaaaaaaaaaaa\noperate bbbbbbbbbbbbbbbbbbbb\n", "tokens");
-  Subject subject(std::move(options));
-  const auto status = [&](const std::string& method, const std::string& target, const std::string& fields) {
-    return http_call(subject.port(), method, target, method == "PUT" ? "{}" : "", fields).status;
-  };
-  const std::string read = "Authorization: Bearer aaaaaaaaaaaaaaaaaaaa\r\n",
-                    operate = "Authorization: bearer bbbbbbbbbbbbbbbbbbbb\r\n";
-  EXPECT_EQ(status("GET", "/hello", ""), 401);
-  EXPECT_EQ(status("GET", "/hello", read), 200);
-  EXPECT_EQ(status("GET", "/hello", operate), 200);
-  EXPECT_EQ(status("PUT", "/things/1", read), 403);
-  EXPECT_EQ(status("PUT", "/things/1", operate), 200);
-  EXPECT_EQ(status("GET", "/hello", "Authorization: Bearer aaaaaaaaaaaaaaaaaaab\r\n"), 401);
-  EXPECT_EQ(status("GET", "/hello", "Authorization: Bearer \r\n"), 401);
-  EXPECT_EQ(status("GET", "/hello", "Authorization: Basic YTpi\r\n"), 401);
-  EXPECT_EQ(status("GET", "/hello", read + operate), 400);
-  EXPECT_EQ(status("GET", "/hello?ticket=aaaaaaaaaaaaaaaaaaaa", ""), 401) << "a token is not accepted in a query";
-  EXPECT_EQ(http_call(subject.port(), "GET", "/hello").field("WWW-Authenticate"), "Bearer");
-}
-
-TEST(GatewayAccess, TakesATicketOnce) {
-  ServerOptions options;
-  options.tokens = Tokens::parse("read aaaaaaaaaaaaaaaaaaaa", "tokens");
-  const auto tickets = options.tickets;
-  Subject subject(std::move(options));
-  const std::string ticket = tickets->issue({Scope::kRead, "a"}, "a", std::chrono::steady_clock::now());
-  EXPECT_EQ(http_call(subject.port(), "GET", "/hello?ticket=" + ticket).status, 401) << "only for streams";
-  RawClient client(subject.port());
-  client.send(http_request("GET", "/events?ticket=" + ticket));
-  EXPECT_TRUE(client.receive_until("200 OK"));
-  EXPECT_EQ(http_call(subject.port(), "GET", "/events?ticket=" + ticket).status, 401);
-  const auto now = std::chrono::steady_clock::now();
-  EXPECT_FALSE(tickets->redeem(tickets->issue({Scope::kRead, "a"}, "a", now), now + Tickets::kLife));
-  // Unused tickets are limited: of one owner, so that it leaves some for others, and of all.
-  std::set<std::string> all;
-  const auto issue = [&](const std::string& owner) { return tickets->issue({Scope::kRead, ""}, owner, now); };
-  for (std::size_t i = 0; i < Tickets::kMostOfOne; ++i) all.insert(issue("0"));
-  EXPECT_EQ(issue("0"), "");
-  for (std::size_t i = Tickets::kMostOfOne; i < Tickets::kMost; ++i) all.insert(issue(std::to_string(i / Tickets::kMostOfOne)));
-  EXPECT_EQ(all.size(), Tickets::kMost);
-  EXPECT_EQ(issue("another"), "");
-  EXPECT_NE(tickets->issue({Scope::kRead, ""}, "0", now + Tickets::kLife), "");
-  const auto grant = tickets->redeem(tickets->issue({Scope::kOperate, "who"}, "0", now + Tickets::kLife), now + Tickets::kLife);
-  ASSERT_TRUE(grant);
-  EXPECT_EQ(grant->scope, Scope::kOperate);
-  EXPECT_EQ(grant->client, "who");
-}
-
-TEST(GatewayAccess, RefusesTokenFilesThatOthersCanRead) {
-  const testing::TemporaryFolder folder("tokens");
-  const auto file = folder.path() / "tokens";
-  std::ofstream(file) << "operate 0123456789abcdef0123456789abcdef\n";
-  std::filesystem::permissions(file, std::filesystem::perms(0640));
-  EXPECT_THAT(testing::error_of([&] { Tokens::load(file); }), HasSubstr("expected mode 600"));
-  std::filesystem::permissions(file, std::filesystem::perms(0600));
-  EXPECT_EQ(Tokens::load(file).size(), 1u);
-  const auto error = [](const std::string& text) { return testing::error_of([&] { Tokens::parse(text, "tokens"); }); };
-  EXPECT_THAT(error(""), HasSubstr("has no token"));
-  EXPECT_THAT(error("\nwrite aaaaaaaaaaaaaaaaaaaa"), HasSubstr("tokens:2: does not begin with read or operate"));
-  EXPECT_THAT(error("read short"), HasSubstr("the token has 5 characters"));
-  EXPECT_THAT(error("read aaaaaaaaaaaaaaaa\nread aaaaaaaaaaaaaaaa"), HasSubstr("tokens:2: the token is there twice"));
-  const std::string secret = "aaaaaaaaaaaaaaaa\"secret";
-  EXPECT_THAT(error("read " + secret), ::testing::Not(HasSubstr("secret"))) << "messages do not contain tokens";
-}
-
 TEST(GatewayAccess, AnswersPagesOfNamedOriginsOnly) {
   ServerOptions options;
   options.authority.origins = {"https://mes.example:8443"};
@@ -415,6 +348,7 @@ TEST(GatewayAccess, AnswersPagesOfNamedOriginsOnly) {
 }
 
 TEST(GatewayAccess, ReadsHostsStrictly) {
+  using access::host_of;
   EXPECT_EQ(host_of("LocalHost:8080"), "localhost");
   EXPECT_EQ(host_of("[::1]:80"), "[::1]");
   EXPECT_EQ(host_of("127.0.0.1"), "127.0.0.1");
@@ -432,7 +366,8 @@ TEST(GatewayServer, StartsBeyondLoopbackOnlyWithTlsAndTokens) {
   open.addresses = {"0.0.0.0"};
   EXPECT_THAT(error(open),
               HasSubstr("unit:gateway: address 0.0.0.0 can be reached from other machines, expected a certificate, a key and"));
-  open.tokens = Tokens::parse("read aaaaaaaaaaaaaaaaaaaa", "tokens");
+  const testing::SecretFile tokens("read aaaaaaaaaaaaaaaaaaaa");
+  open.token_file = tokens.path();
   EXPECT_THAT(error(open), HasSubstr("can be reached from other machines"));
   ServerOptions half;
   half.addresses = {"127.0.0.1"};

@@ -462,15 +462,21 @@ TEST(LiveRun, AResumedRunKeepsTheChangesBeforeIt) {
   Build b = gain_and_integral(0.1);
   RunState state;
   std::vector<double> expected;
+  std::int64_t saved = 0;
   {
     Observer o;
     Master master = load(b, o);
-    LiveRun::Control control(o.run);
+    LiveRun::Control control(o.run, "anna"), other(o.run, "bert");
     control.set(std::vector<LiveRun::Change>{{"g.gain", {3}}});
     ask(master, control);
-    control.set(std::vector<LiveRun::Change>{{"g.gain", {4}}}, Time::from_seconds(0.05));
+    other.set(std::vector<LiveRun::Change>{{"g.gain", {4}}}, Time::from_seconds(0.05));
+    ask(master, other);
+    other.command(RunVerb::kStep, 1);
+    ask(master, other);
+    control.command(RunVerb::kResume);
     ask(master, control);
     for (int i = 0; i < 20; ++i) master.step_tick();
+    saved = master.tick();
     master.save([&](RunState s) { state = std::move(s); });
     while (master.step_tick()) expected.push_back(testing::value(master, "i.y"));
   }
@@ -482,8 +488,9 @@ TEST(LiveRun, AResumedRunKeepsTheChangesBeforeIt) {
   options.resume = state;
   Master master(b.scenario, std::move(options));
   master.initialise();
-  EXPECT_EQ(master.tick(), 22);
-  EXPECT_EQ(o.run->position().tick, 22);
+  (void)o.run->number_of("anna");  // names have other numbers here
+  EXPECT_EQ(master.tick(), saved);
+  EXPECT_EQ(o.run->position().tick, saved);
   std::vector<double> again;
   while (master.step_tick()) again.push_back(testing::value(master, "i.y"));
   EXPECT_EQ(again, expected);
@@ -491,6 +498,24 @@ TEST(LiveRun, AResumedRunKeepsTheChangesBeforeIt) {
   ASSERT_EQ(i.changes.size(), 2u);
   EXPECT_EQ(i.changes[0].tick, 0);
   EXPECT_EQ(i.changes[1].tick, 50);
+  EXPECT_EQ(i.changes[0].by, "anna");
+  EXPECT_EQ(i.changes[1].by, "bert");
+  ASSERT_EQ(i.commands.size(), 2u);
+  EXPECT_EQ(i.commands[0].by, "bert");
+  EXPECT_EQ(i.commands[0].verb, RunVerb::kStep);
+  EXPECT_EQ(i.commands[1].by, "anna");
+}
+
+TEST(LiveRun, NamesThoseWhoSendRequestsInBoundedMemory) {
+  Observer o;
+  Master master = load(gain_and_integral(), o);
+  EXPECT_EQ(o.run->names(), std::vector<std::string>{""});
+  const std::uint32_t anna = o.run->number_of("anna");
+  EXPECT_EQ(o.run->number_of("anna"), anna);
+  for (int i = 0; i < 5000; ++i) (void)o.run->number_of(std::to_string(i));
+  EXPECT_EQ(o.run->names().size(), LiveRun::kMostNames);
+  EXPECT_EQ(o.run->names()[o.run->number_of("one more")], "others");
+  EXPECT_EQ(o.run->number_of("anna"), anna);
 }
 
 TEST(LiveRun, ATickAllocatesNothingWhileItIsObserved) {

@@ -115,6 +115,13 @@ void add_run(CLI::App& app, Chosen& chosen) {
           "Show the run in a browser while it goes on, at http://localhost:8081/ or, as --view=PORT, at another port (0: a "
           "free one); by the wall clock unless another one is chosen; the page can pause the run and set values")
       ->option_text("[=PORT]");
+  run_command
+      ->add_option("--local-writes", arguments.local_writes,
+                   "Who on this machine may change the run by --view; owner: who runs it, and root; all: all users (default: "
+                   "owner; the others may watch)")
+      ->check(CLI::IsMember({"owner", "all"}))
+      ->needs("--view")
+      ->type_name("WHO");
   run_command->add_flag("--quiet", arguments.quiet, "No progress bar and no table");
   run_command->add_flag("--report", arguments.report, "Write report.html beside the results, as cotwin report does");
 
@@ -162,13 +169,14 @@ void add_run(CLI::App& app, Chosen& chosen) {
   for (const char* name :
        {"--set",    "--out",      "--record",     "--joint-names", "--no-view-data", "--waypoints", "--event",
         "--attach", "--detach",   "--threads",    "--real-time",   "--clock",        "--overrun",   "--priority",
-        "--cpu",    "--coupling", "--checkpoint", "--overwrite",   "--report",       "--view"}) {
+        "--cpu",    "--coupling", "--checkpoint", "--overwrite",   "--report",       "--view",      "--local-writes"}) {
     of_scenario.push_back(run_command->get_option(name));
   }
   std::vector<CLI::Option*> decided = of_fmu;
   for (const char* name :
-       {"FILE", "--stop", "--set", "--out", "--record", "--joint-names", "--no-view-data", "--waypoints", "--event", "--attach",
-        "--detach", "--real-time", "--clock", "--overrun", "--priority", "--cpu", "--coupling", "--overwrite", "--view"})
+       {"FILE",        "--stop",  "--set",      "--out",       "--record",    "--joint-names", "--no-view-data",
+        "--waypoints", "--event", "--attach",   "--detach",    "--real-time", "--clock",       "--overrun",
+        "--priority",  "--cpu",   "--coupling", "--overwrite", "--view",      "--local-writes"})
     decided.push_back(run_command->get_option(name));
   run_command->callback([all, of_fmu, of_scenario, decided, &chosen] {
     chosen = [all, of_fmu, of_scenario, decided] {

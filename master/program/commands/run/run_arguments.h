@@ -23,8 +23,9 @@ struct RunArguments {
   std::string clock, cpus;  // empty: the scenario's
   std::optional<OverrunPolicy> overrun;
   std::optional<int> priority;
-  std::string view;        // --view: a port, or kAnyPort; empty: not given
-  double checkpoint = 10;  // s of wall time; 0: none
+  std::string view;                    // --view: a port, or kAnyPort; empty: not given
+  std::string local_writes = "owner";  // of the server of --view
+  double checkpoint = 10;              // s of wall time; 0: none
   std::optional<int> threads;
   std::optional<CouplingChoice> coupling;
   FmuRunOptions fmu;              // for a single FMU

@@ -25,6 +25,7 @@ std::string options_of(const RunArguments& a) {
   if (a.overrun) j["overrun"] = text::word_of(*a.overrun, kOverrunWords);
   if (a.priority) j["priority"] = *a.priority;
   if (!a.view.empty()) j["view"] = a.view;
+  j["local_writes"] = a.local_writes;
   return j.dump();
 }
 
@@ -48,6 +49,7 @@ void read_options(const std::string& text, const std::string& place, RunArgument
     if (j.contains("overrun")) a.overrun = text::choose(place, j["overrun"].get<std::string>(), kOverrunWords);
     if (j.contains("priority")) a.priority = j["priority"].get<int>();
     a.view = j.value("view", "");
+    a.local_writes = j.at("local_writes").get<std::string>();
   } catch (const nlohmann::json::exception&) {
     throw Error(place, "is damaged: its options cannot be read");
   }

@@ -124,11 +124,12 @@ Scenario read_scenario(const RunArguments& arguments) {
 /// The server of --view; nothing without the option. Throws Error also if this build has no page.
 std::optional<ViewServer> view_server(const RunArguments& arguments, const std::vector<fs::path>& folders) {
   if (arguments.view.empty()) return std::nullopt;
-  if (arguments.view == kAnyPort) return std::optional<ViewServer>(std::in_place, std::nullopt, units(), folders);
+  if (arguments.view == kAnyPort)
+    return std::optional<ViewServer>(std::in_place, std::nullopt, arguments.local_writes, units(), folders);
   const std::optional<long long> port = text::parse_integer(arguments.view);
   if (!port || *port < 0 || *port > 65535)
     throw Error("--view", "'" + arguments.view + "' is no port, expected 0 (a free one) to 65535: --view=8081");
-  return std::optional<ViewServer>(std::in_place, static_cast<std::uint16_t>(*port), units(), folders);
+  return std::optional<ViewServer>(std::in_place, static_cast<std::uint16_t>(*port), arguments.local_writes, units(), folders);
 }
 
 /// How a browser shows the run; nullptr: this build has no page.

@@ -20,6 +20,8 @@ export interface RunFacts extends RunState {
   has_page: boolean;
   why_not?: string;
   commands: boolean;
+  /// What the one who asks may do now: read, jobs, tune, acknowledge, end.
+  may: string[];
 }
 
 /// A variable, as in the answer to GET /run/signals.
@@ -69,7 +71,7 @@ export class Connection {
   state: RunState | undefined;
   on_sample: (sample: LiveSample) => void = () => {};
   on_change: () => void = () => {};
-  /// Another run answers at this address.
+  /// Another run answers at this address, or the token is not valid any more.
   on_other_run: () => void = () => {};
   private token = sessionStorage.getItem('cotwin-token') ?? '';
   private names: string[] = [];
@@ -118,7 +120,9 @@ export class Connection {
     let query = `names=${this.names.map(encodeURIComponent).join(',')}&rate_hz=${kRate}`;
     try {
       if (this.token !== '') query += `&ticket=${encodeURIComponent((await this.ask<{ ticket: string }>('POST', 'tickets')).ticket)}`;
-    } catch {
+    } catch (error) {
+      // The token is not valid any more.
+      if (error instanceof Refused && error.status === 401) return this.on_other_run();
       return this.again(opening);
     }
     if (opening !== this.opening) return;

@@ -65,10 +65,16 @@ export class Controls {
     events: PlannedEvent[],
   ) {
     const rank = (signal: LiveSignal): number => (signal.causality === 'input' ? 0 : 1);
-    this.settable = signals.filter((signal) => signal.settable && signal.watchable).sort((a, b) => rank(a) - rank(b));
+    const may = new Set(facts.may);
+    const may_set = (signal: LiveSignal): boolean => may.has(signal.name.endsWith('.acknowledge') ? 'acknowledge' : 'tune');
+    this.settable = signals.filter((signal) => signal.settable && signal.watchable && (may_set(signal) || !facts.commands)).sort((a, b) => rank(a) - rank(b));
     this.bar.append(this.pause, this.step, this.ticks, this.stop, this.note);
+    for (const control of [this.pause, this.step, this.ticks]) control.disabled = control.hidden = facts.commands && !may.has('tune');
+    this.stop.hidden = facts.commands && !may.has('end');
+    this.events.hidden = facts.commands && !may.has('tune');
     if (!facts.commands) this.make_read_only('the gateway takes no commands (parameter commands)');
-    else if (!facts.can_pause) {
+    else if (!['tune', 'acknowledge', 'end'].some((scope) => may.has(scope))) this.make_read_only('you may watch this run, not change it');
+    else if (!facts.can_pause && may.has('tune')) {
       for (const control of [this.pause, this.step, this.ticks]) control.disabled = true;
       this.say(`no pause: ${facts.why_not ?? ''}`);
     }
@@ -144,7 +150,7 @@ export class Controls {
     const found = matching(this.settable, this.filter.value);
     this.list.replaceChildren(...found.slice(0, kMostShown).map((signal) => this.entry(signal)));
     if (found.length > kMostShown) this.list.append(element('div', { class: 'lacks' }, `${found.length - kMostShown} more: use the filter`));
-    if (found.length === 0) this.list.append(element('div', { class: 'lacks' }, this.settable.length === 0 ? 'the run has nothing that can be set' : 'no match'));
+    if (found.length === 0) this.list.append(element('div', { class: 'lacks' }, this.settable.length === 0 ? 'the run has nothing that you can set' : 'no match'));
   }
 
   /// A signal; its sliders are made when it is opened.
