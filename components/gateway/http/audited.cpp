@@ -10,7 +10,7 @@ namespace cotwin::gateway::http {
 namespace {
 
 access::Deed deed_of(const Request& request) {
-  return {request.by, request.address, request.method + " " + request.path, request.body};
+  return {request.by, request.address, request.method + (request.path.empty() ? "" : " " + request.path), request.body};
 }
 
 /// The detail of a response that is a problem.

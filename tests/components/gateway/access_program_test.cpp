@@ -14,6 +14,8 @@
 
 #include "tests/components/gateway/gateway_program.h"
 #include "tests/support/files.h"
+#include "tests/support/mosquitto.h"
+#include "tests/support/mqtt_client.h"
 #include "tests/support/places.h"
 
 namespace access_program_test {
@@ -134,6 +136,29 @@ TEST(AccessToARun, IsForItsUserAloneOnThisMachineUnlessAllAreNamed) {
   ASSERT_TRUE(within_patience([&] { return all.call("GET", "/run").status == 200; }));
   EXPECT_THAT(as(all, "12345", put), HasSubstr("\"set\""));
   EXPECT_EQ(audit_of(folder.path()).back()["by"], "local user 12345");
+}
+
+TEST(AccessToARun, OverABrokerIsTheBrokers) {
+  if (cotwin::testing::mosquitto_program().empty()) GTEST_SKIP() << "needs mosquitto";
+  const TemporaryFolder folder("access"), place("broker");
+  cotwin::testing::Mosquitto broker(place.path());
+  ASSERT_TRUE(broker.start());
+  cotwin::testing::MqttClient client(broker.port(), "line");
+  Gateway gateway = Gateway::in_run(kScenario, folder.path(), {"mqtt=" + broker.url()});
+  ASSERT_TRUE(client.next("cotwin/run", "running"));
+  for (const char* order :
+       {R"({"command":"set","values":{"drive.B[3]":1.25}})", R"({"command":"fly"})", R"({"command":"stop"})"})
+    client.send("cotwin/commands", order);
+  EXPECT_EQ(gateway.process().wait().code, 0);
+  const json outside = json::parse(content(folder.path() / "run.json"))["from_outside"];
+  EXPECT_EQ(outside["changes"][0]["by"], "mqtt");
+  EXPECT_EQ(outside["commands"][0]["by"], "mqtt");
+  std::string kept;
+  for (const json& line : audit_of(folder.path())) {
+    if (line.contains("status"))
+      kept += line.value("by", "-") + " " + line.value("what", "-") + " " + line["status"].dump() + "; ";
+  }
+  EXPECT_EQ(kept, "mqtt command 200; mqtt command 422; mqtt command 200; ");
 }
 
 }  // namespace

@@ -79,6 +79,9 @@ export class Connection {
   private opening = 0;
   private wait = kFirstWait;
 
+  get has_token(): boolean {
+    return this.token !== '';
+  }
   /// Sends a token with all requests from now on, until the tab is closed.
   use_token(token: string): void {
     this.token = token;
