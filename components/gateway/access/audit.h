@@ -8,7 +8,7 @@
 
 namespace cotwin::gateway::access {
 
-/// Prints a line of the gateway's log on stderr, without control characters. From any thread.
+/// Prints a line of the gateway's log on stderr, printable ASCII only. From any thread.
 void log(const std::string& line) noexcept;
 
 /// What somebody wants to change.

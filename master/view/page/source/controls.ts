@@ -73,7 +73,7 @@ export class Controls {
     this.stop.hidden = facts.commands && !may.has('end');
     this.events.hidden = facts.commands && !may.has('tune');
     if (!facts.commands) this.make_read_only('the gateway takes no commands (parameter commands)');
-    else if (!['tune', 'acknowledge', 'end'].some((scope) => may.has(scope))) this.make_read_only(connection.has_token ? 'this token may watch the run, not change it' : 'only the user who runs it may change it (--local-writes)');
+    else if (!['tune', 'acknowledge', 'end'].some((scope) => may.has(scope))) this.make_read_only(connection.has_token ? 'this token may only watch' : 'only its user may change it (--local-writes)');
     else if (!facts.can_pause && may.has('tune')) {
       for (const control of [this.pause, this.step, this.ticks]) control.disabled = true;
       this.say(`no pause: ${facts.why_not ?? ''}`);
