@@ -47,7 +47,7 @@ std::string words_of(const Deed& deed, int status, const std::string& why) {
 void log(const std::string& line) noexcept {
   try {
     std::string text = (::isatty(STDERR_FILENO) != 0 ? "\r\x1b[K" : "") + std::string("cotwin: gateway: ");
-    for (const char c : line.substr(0, 1000)) text += c >= 0x20 && c < 0x7f ? c : '?';
+    for (const char c : line.substr(0, 1000)) text += c == '\n' ? ' ' : c >= 0x20 && c < 0x7f ? c : '?';
     text += '\n';
     (void)!::write(STDERR_FILENO, text.data(), text.size());  // as a whole, between the lines of others
   } catch (const std::bad_alloc&) {

@@ -119,11 +119,13 @@ std::chrono::seconds Server::Impl::note_wrong_token(const std::string& address) 
 }
 
 LocalUser Server::Impl::find_local_user(const tcp::socket& socket) const {
+  const Scopes without = options.local_writes ? Scopes::all() : Scopes(Scope::kRead);
   ErrorCode error;
   const tcp::endpoint peer = socket.remote_endpoint(error), own = error ? peer : socket.local_endpoint(error);
-  const auto user = error ? std::nullopt : access::user_at(*peer.data(), *own.data());
-  const bool may = options.local_writes || user == ::getuid() || user == 0u;
-  return {user ? "local user " + std::to_string(*user) : "unknown local user", may ? Scopes::all() : Scopes(Scope::kRead)};
+  if (error) return {"unknown local user", without};
+  const std::optional<std::uint32_t> user = access::user_at(*peer.data(), *own.data());
+  if (!user) return {"unknown local user", without};
+  return {"local user " + std::to_string(*user), *user == ::getuid() || *user == 0 ? Scopes::all() : without};
 }
 
 std::array<std::int64_t, 7> Server::Impl::Watched::mark() const {
@@ -148,15 +150,15 @@ bool Server::Impl::Watched::changed() {
 void Server::Impl::look_at_files() {
   const auto read_again = [](const auto& read) {
     try {
-      access::log(read() + ": was changed and read again");
+      access::log("read again: " + read());
     } catch (const Error& error) {
-      access::log(std::string("what was read before holds on: ") + error.what());
+      access::log(std::string("the old content holds: ") + error.what());
     }
   };
   if (token_file_.changed()) {
     read_again([&] {
       tokens = access::Tokens::load(options.token_file);
-      return options.token_file.string() + " with " + text::counted(static_cast<std::int64_t>(tokens.size()), "token");
+      return options.token_file.string() + ", " + text::counted(static_cast<std::int64_t>(tokens.size()), "token");
     });
   }
   if (const bool other = certificate_.changed(); key_.changed() || other) {
@@ -279,19 +281,19 @@ void Server::Impl::admit(tcp::socket socket) {
 
 void Server::Impl::handle(const Router::Entry& entry, std::shared_ptr<Request> request, Reply reply,
                           std::function<bool()> given_up) {
-  const auto run = [&entry, request, given = reply] {
-    Reply reply = given;
+  const auto run = [&entry, request, reply] {
+    Reply answer = reply;
     try {
-      if (entry.route.changes()) reply = audited(*request, given);
-      entry.handler(*request, reply);
+      if (entry.route.changes()) answer = audited(*request, reply);
+      entry.handler(*request, answer);
     } catch (const Refusal& refusal) {
-      reply(to_response(refusal.problem, refusal.fields));
+      answer(to_response(refusal.problem, refusal.fields));
     } catch (const Error& error) {
-      reply(to_response({422, error.what(), "", ""}));
+      answer(to_response({422, error.what(), "", ""}));
     } catch (const std::bad_alloc&) {
-      reply(to_response({503, "not enough memory", "", ""}, {{"Retry-After", "1"}}));
+      answer(to_response({503, "not enough memory", "", ""}, {{"Retry-After", "1"}}));
     } catch (...) {
-      reply(to_response({500, "the request could not be answered", "", ""}));
+      answer(to_response({500, "the request could not be answered", "", ""}));
     }
   };
   if (!entry.route.slow) return run();

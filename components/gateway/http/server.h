@@ -38,11 +38,11 @@ struct ServerOptions {
   std::vector<std::string> if_there;       // the same, but left out where this machine does not have them
   std::uint16_t port = 0;                  // 0: a free one, the same for all addresses
   std::filesystem::path certificate, key;  // PEM, with the chain; both or neither. Neither: no TLS
-  std::filesystem::path token_file;        // empty: no tokens
-  bool local_writes =
-      false;  // without tokens: all users of this machine may change something, not only the one who runs this and root
-  std::shared_ptr<access::Audit> audit;  // of what changes something; nullptr: none
+  std::filesystem::path token_file;        // empty: no tokens; then see local_writes
+  std::shared_ptr<access::Audit> audit;    // of what changes something; nullptr: none
   std::shared_ptr<access::Tickets> tickets = std::make_shared<access::Tickets>();
+  /// Whether all users of this machine may change something without a token, not only the one who runs this, and root.
+  bool local_writes = false;
   access::Authority authority;  // the addresses are added to its hosts, for 0.0.0.0 and :: the loopback address
   Limits limits;
   int threads = 2;                // of the pool for slow routes; up to 14 more while requests take long (FairPool)

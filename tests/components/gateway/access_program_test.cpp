@@ -99,7 +99,7 @@ TEST(AccessToARun, IsByNameAndKeptInItsRecord) {
   EXPECT_THAT(ended.err,
               HasSubstr("cotwin: gateway: PUT /run/tunables/drive.B[2] {\"value\":1.5} by anna at 127.0.0.1: 200\n"));
   EXPECT_THAT(ended.err, HasSubstr("cotwin: gateway: wrong token or ticket from 127.0.0.1\n"));
-  EXPECT_THAT(ended.err, HasSubstr("with 1 token: was changed and read again\n"));
+  EXPECT_THAT(ended.err, HasSubstr("cotwin: gateway: read again: " + tokens.path() + ", 1 token\n"));
   EXPECT_THAT(ended.err + kept, Not(HasSubstr("0123456789abcdef-"))) << "tokens appear nowhere";
 }
 
