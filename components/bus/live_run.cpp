@@ -281,6 +281,16 @@ std::vector<std::string> LiveRun::names() const {
   return names_;
 }
 
+void LiveRun::note(Deed deed) {
+  const std::lock_guard lock(naming_);
+  if (deeds_.size() < kMostDeeds) deeds_.push_back(std::move(deed));
+}
+
+std::vector<LiveRun::Deed> LiveRun::deeds() const {
+  const std::lock_guard lock(naming_);
+  return deeds_;
+}
+
 LiveRun::Control::Control(std::shared_ptr<LiveRun> run, std::string_view by)
     : run_(std::move(run)), slot_(run_->reserve_slot()), by_(run_->number_of(by)) {}
 

@@ -119,6 +119,7 @@ class LiveRun {
   static constexpr std::size_t kMaxSet = 256;       // elements in one request
   static constexpr std::size_t kMaxWaiting = 1024;  // elements that wait for their time
   static constexpr std::size_t kMostNames = 4096;   // of those who send requests; further ones are "others"
+  static constexpr std::size_t kMostDeeds = 10'000;
   static constexpr std::size_t kNone = ~std::size_t{0};
   static constexpr std::int64_t kAtOnce = std::numeric_limits<std::int64_t>::min();
 
@@ -135,6 +136,13 @@ class LiveRun {
   /// The number of a name of those who send requests, which names() has at that place.
   std::uint32_t number_of(std::string_view name);
   std::vector<std::string> names() const;
+  /// What somebody did that is no request to the run, such as an order of a job: for its record, which keeps the first kMostDeeds.
+  struct Deed {
+    std::int64_t tick = 0;  // ticks that had ended
+    std::string what, by;
+  };
+  void note(Deed deed);
+  std::vector<Deed> deeds() const;
   /// "drive.q" or "drive.q[2]", counted from 1. Throws Error with the closest name.
   LiveElements find(std::string_view name) const;
 
@@ -308,6 +316,7 @@ class LiveRun {
   std::vector<std::unique_ptr<Control::Slot>> slots_;  // each of a client; in use by one Control or none
   mutable std::mutex naming_;
   std::vector<std::string> names_{""};  // guarded by naming_; only added to
+  std::vector<Deed> deeds_;             // likewise
 };
 
 /// A unit that reads and changes the run that it is part of. The master calls observe() once, after the initialisation of all

@@ -17,6 +17,8 @@ namespace cotwin::gateway {
 
 namespace {
 
+constexpr const char* kCommand = "command";  // over MQTT, in the audit
+
 mqtt::PlantReply reply_of(const http::Refusal& refused) {
   const http::Response response = http::to_response(refused.problem, refused.fields);
   return {response.status, response.body};
@@ -43,7 +45,7 @@ void RunSide::declare(Variables& v) {
 mqtt::PlantReply RunSide::command(const std::string& payload) const {
   http::Request request;
   request.by = access::kBrokerName;
-  request.method = "command";
+  request.method = kCommand;
   request.body = payload;
   request.audit = audit_;
   mqtt::PlantReply given;
@@ -136,6 +138,11 @@ void RunSide::begin() {
 
 void RunSide::observe(std::shared_ptr<bus::LiveRun> run) {
   audit_->open(run->facts().results);
+  // The run itself keeps who sends requests to it.
+  audit_->on_done([run](const access::Deed& deed) {
+    const bool is_of_run = deed.what == kCommand || deed.what.find(" /run/") != std::string::npos;
+    if (!is_of_run) run->note({run->position().tick, deed.what, deed.by});
+  });
   live_.observe(run);
 #ifdef COTWIN_MQTT
   if (const auto p = plant()) p->observe(std::move(run));

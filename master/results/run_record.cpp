@@ -118,8 +118,16 @@ ordered_json influence(const Influence& i) {
     if (!c.by.empty()) command["by"] = c.by;
     commands.push_back(std::move(command));
   }
-  return {{"changes", changes}, {"changes_not_listed", i.more},       {"commands", commands}, {"refused_requests", i.refused},
-          {"pauses", i.pauses}, {"paused_seconds", i.paused_seconds}, {"stopped", i.stopped}};
+  ordered_json others = ordered_json::array();
+  for (const bus::LiveRun::Deed& d : i.others) others.push_back({{"tick", d.tick}, {"what", d.what}, {"by", d.by}});
+  return {{"changes", changes},
+          {"changes_not_listed", i.more},
+          {"commands", commands},
+          {"others", others},
+          {"refused_requests", i.refused},
+          {"pauses", i.pauses},
+          {"paused_seconds", i.paused_seconds},
+          {"stopped", i.stopped}};
 }
 
 std::string dump(const ordered_json& json) { return json.dump(1, ' ', false, ordered_json::error_handler_t::replace) + "\n"; }
@@ -217,7 +225,8 @@ void RunRecord::close(const Summary& summary, const Outcome& outcome) {
   j["wall_seconds"] = summary.wall_seconds;
   j["threads"] = summary.threads;
   j["warnings"] = summary.warnings;
-  if (const Influence& i = summary.influence; i.count() > 0 || !i.commands.empty()) j["from_outside"] = influence(i);
+  if (const Influence& i = summary.influence; i.count() > 0 || !i.commands.empty() || !i.others.empty())
+    j["from_outside"] = influence(i);
   const std::string text = dump(j);
   try {
     write_file(file_, text);

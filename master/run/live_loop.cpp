@@ -259,6 +259,7 @@ Influence LiveLoop::influence() const {
   }
   for (const Taken& taken : taken_)
     all.commands.push_back({taken.tick, run_->time(taken.tick).seconds(), taken.verb, names[taken.by]});
+  all.others = run_->deeds();
   all.more = more_;
   all.refused = refused_;
   all.pauses = pauses_;
@@ -292,6 +293,13 @@ void LiveLoop::write(ByteWriter& out) const {
     out.value(taken.tick);
     out.value(static_cast<std::uint8_t>(taken.verb));
     out.value(taken.by);
+  }
+  const std::vector<LiveRun::Deed> deeds = run_->deeds();
+  out.value(static_cast<std::uint64_t>(deeds.size()));
+  for (const LiveRun::Deed& deed : deeds) {
+    out.value(deed.tick);
+    out.text(deed.what);
+    out.text(deed.by);
   }
   for (const std::int64_t count : {more_, refused_, pauses_, changes_, paused_ns_}) out.value(count);
 }
@@ -339,6 +347,13 @@ void LiveLoop::read(ByteReader& in, std::int64_t tick) {
   }
   if (!std::ranges::is_sorted(waiting_, {}, &Waiting::time)) in.fail("is damaged");
   find_next_waiting();
+  for (std::size_t left = in.count(3 * sizeof(std::int64_t)); left > 0; --left) {
+    LiveRun::Deed deed;
+    deed.tick = in.value<std::int64_t>();
+    deed.what = in.text();
+    deed.by = in.text();
+    run_->note(std::move(deed));
+  }
   for (std::int64_t* count : {&more_, &refused_, &pauses_, &changes_, &paused_ns_}) *count = in.value<std::int64_t>();
   run_->set_changes(changes_);
   run_->set_tick(tick);

@@ -35,10 +35,11 @@ struct Influence {
     bus::RunVerb verb = bus::RunVerb::kPause;
     std::string by;
   };
-  std::vector<Change> changes;    // in their order
-  std::vector<Command> commands;  // likewise, the first kMostListed
-  std::int64_t more = 0;          // further ones, which are not listed
-  std::int64_t refused = 0;       // requests
+  std::vector<bus::LiveRun::Deed> others;  // what was done beside the run
+  std::vector<Change> changes;             // in their order
+  std::vector<Command> commands;           // likewise, the first kMostListed
+  std::int64_t more = 0;                   // further ones, which are not listed
+  std::int64_t refused = 0;                // requests
   std::int64_t pauses = 0;
   double paused_seconds = 0;  // wall time
   bool stopped = false;       // the end of the run was asked for

@@ -110,6 +110,11 @@ void Audit::append(const std::string& line) {
   throw Error(file_.string(), "cannot be appended to: " + reason);
 }
 
+void Audit::on_done(std::function<void(const Deed&)> function) {
+  const std::lock_guard lock(audits);
+  done_ = std::move(function);
+}
+
 std::uint64_t Audit::begin(const Deed& deed) {
   Json line = head_of(deed);
   const std::lock_guard lock(audits);
@@ -126,6 +131,7 @@ void Audit::end(std::uint64_t number, const Deed& deed, int status, const std::s
     line["status"] = status;
     if (!why.empty()) line["why"] = why;
     const std::lock_guard lock(audits);
+    if (done_ && status < 400) done_(deed);
     append(line_of(line));
   } catch (const std::exception& error) {
     log(error.what());

@@ -1,6 +1,7 @@
 #pragma once
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -38,6 +39,8 @@ class Audit {
   /// The folder, which is there; "": no file is written, only the log. Lines until now follow. Throws Error if the file cannot be appended to, or
   /// is no regular file.
   void open(const std::filesystem::path& folder);
+  /// Called with what was done, after its end.
+  void on_done(std::function<void(const Deed&)> function);
   /// Before something is done. Returns its number. Throws Error if the line cannot be written: it must not be done.
   std::uint64_t begin(const Deed& deed);
   /// What became of it: a status of HTTP, and why it was refused.
@@ -51,6 +54,7 @@ class Audit {
   bool is_there() const;
 
   enum class State : std::uint8_t { kWaiting, kNone, kOpen } state_ = State::kWaiting;
+  std::function<void(const Deed&)> done_;
   std::filesystem::path file_;
   int descriptor_ = -1;
   std::string waiting_;

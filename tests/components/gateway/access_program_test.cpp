@@ -50,7 +50,8 @@ std::vector<json> audit_of(const fs::path& folder) {
 TEST(AccessToARun, IsByNameAndKeptInItsRecord) {
   const TemporaryFolder folder("access");
   const SecretFile tokens(
-      "tune 0123456789abcdef-anna name=anna\nend 0123456789abcdef-chief name=chief\nread 0123456789abcdef-read\n");
+      "tune 0123456789abcdef-anna name=anna\nend 0123456789abcdef-chief name=chief\njobs 0123456789abcdef-plan "
+      "name=planner\nread 0123456789abcdef-read\n");
   Gateway gateway = Gateway::in_run(kScenario, folder.path(), {"tokens=" + tokens.path()});
   const std::string anna = bearer("0123456789abcdef-anna"), chief = bearer("0123456789abcdef-chief"),
                     read = bearer("0123456789abcdef-read");
@@ -66,6 +67,10 @@ TEST(AccessToARun, IsByNameAndKeptInItsRecord) {
   EXPECT_EQ(command(R"({"command":"set","values":{"drive.B[1]":1.25}})", anna), 200);
   EXPECT_EQ(command(R"({"command":"pause"})", anna), 200);
   EXPECT_EQ(command(R"({"command":"resume"})", anna), 200);
+  const std::string move = R"({"robot":"lwr4","from_q_rad":[0,-0.9,0,1.2,0,0.6,0],"to_q_rad":[1.2,0.9,0,-1.2,0,-0.6,0]})";
+  const std::string async = "Prefer: respond-async, wait=0\r\n";
+  EXPECT_EQ(gateway.call("POST", "/services/feasibility", move, async + anna).status, 403);
+  EXPECT_LT(gateway.call("POST", "/services/feasibility", move, async + bearer("0123456789abcdef-plan")).status, 300);
   EXPECT_EQ(command(R"({"command":"stop"})", anna), 403);
   EXPECT_EQ(command(R"({"command":"pause"})", chief), 403);
   EXPECT_EQ(gateway.call("PUT", "/run/tunables/drive.B[2]", R"({"value":2})", read).status, 403);
@@ -84,6 +89,9 @@ TEST(AccessToARun, IsByNameAndKeptInItsRecord) {
   const json outside = json::parse(content(folder.path() / "run.json"))["from_outside"];
   EXPECT_EQ(outside["changes"][0]["name"], "drive.B[2]");
   EXPECT_EQ(outside["changes"][0]["by"], "anna");
+  EXPECT_EQ(outside["others"].size(), 1u);
+  EXPECT_EQ(outside["others"][0]["what"], "POST /services/feasibility");
+  EXPECT_EQ(outside["others"][0]["by"], "planner");
   std::string commands;
   for (const json& one : outside["commands"])
     commands += one["command"].get<std::string>() + " " + one["by"].get<std::string>() + "; ";
