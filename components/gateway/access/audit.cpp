@@ -1,12 +1,14 @@
 #include "components/gateway/access/audit.h"
 
 #include <fcntl.h>
+#include <poll.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include <cerrno>
 #include <mutex>
 #include <nlohmann/json.hpp>
+#include <utility>
 
 #include "components/gateway/access/utc.h"
 #include "models/foundation/support/atomic_file.h"
@@ -45,8 +47,18 @@ std::string words_of(const Deed& deed, int status, const std::string& why) {
 }  // namespace
 
 void log(const std::string& line) noexcept {
+  static std::mutex logging;
+  static std::uint64_t left_out = 0;
   try {
+    const std::lock_guard lock(logging);
+    // Whoever started the program may not read its stderr: a full pipe must not stop the gateway.
+    pollfd out = {STDERR_FILENO, POLLOUT, 0};
+    if (::poll(&out, 1, 0) != 1 || (out.revents & POLLOUT) == 0) {
+      ++left_out;
+      return;
+    }
     std::string text = (::isatty(STDERR_FILENO) != 0 ? "\r\x1b[K" : "") + std::string("cotwin: gateway: ");
+    if (left_out > 0) text += "(" + std::to_string(std::exchange(left_out, 0)) + " lines before this were left out) ";
     for (const char c : line.substr(0, 1000)) text += c == '\n' ? ' ' : c >= 0x20 && c < 0x7f ? c : '?';
     text += '\n';
     (void)!::write(STDERR_FILENO, text.data(), text.size());  // as a whole, between the lines of others

@@ -9,7 +9,8 @@
 
 namespace cotwin::gateway::access {
 
-/// Prints a line of the gateway's log on stderr, printable ASCII only. From any thread.
+/// Prints a line of the gateway's log on stderr, printable ASCII only. From any thread; never waits:
+/// while nobody reads it, lines are left out and counted.
 void log(const std::string& line) noexcept;
 
 /// What somebody wants to change.

@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include <array>
+#include <atomic>
 #include <cstdio>
 #include <cstring>
 #include <fstream>
@@ -46,8 +47,8 @@ struct Found {
   std::uint64_t inode = 0;  // 0: not found, or no process has the socket any more; the system calls its user 0 then, as root
 };
 
-/// sock_diag(7), one exact look-up.
-Found ask_kernel(int family, const End& peer, const End& own) {
+/// sock_diag(7), one exact look-up. Nothing: there is no such socket, or the kernel does not answer such questions.
+std::optional<Found> ask_kernel(int family, const End& peer, const End& own) {
   struct Question {
     nlmsghdr head;
     inet_diag_req_v2 body;
@@ -64,20 +65,20 @@ Found ask_kernel(int family, const End& peer, const End& own) {
   std::memcpy(id.idiag_src, peer.address.data(), sizeof id.idiag_src);
   std::memcpy(id.idiag_dst, own.address.data(), sizeof id.idiag_dst);
   id.idiag_cookie[0] = id.idiag_cookie[1] = INET_DIAG_NOCOOKIE;
-  Found found;
   const int socket = ::socket(AF_NETLINK, SOCK_DGRAM | SOCK_CLOEXEC, NETLINK_SOCK_DIAG);
-  if (socket < 0) return found;
+  if (socket < 0) return std::nullopt;
   alignas(nlmsghdr) std::array<char, 4096> answer{};
   ssize_t size = ::send(socket, &question, sizeof question, 0);
   if (size == sizeof question) size = ::recv(socket, answer.data(), answer.size(), MSG_DONTWAIT);  // it is there already
   ::close(socket);
   nlmsghdr head{};
-  if (size < static_cast<ssize_t>(sizeof head)) return found;
+  if (size < static_cast<ssize_t>(sizeof head)) return std::nullopt;
   std::memcpy(&head, answer.data(), sizeof head);
-  if (head.nlmsg_type != SOCK_DIAG_BY_FAMILY || size < static_cast<ssize_t>(NLMSG_LENGTH(sizeof(inet_diag_msg)))) return found;
+  if (head.nlmsg_type != SOCK_DIAG_BY_FAMILY || size < static_cast<ssize_t>(NLMSG_LENGTH(sizeof(inet_diag_msg))))
+    return std::nullopt;
   inet_diag_msg message{};
   std::memcpy(&message, answer.data() + NLMSG_HDRLEN, sizeof message);
-  return {message.idiag_uid, message.idiag_inode};
+  return Found{message.idiag_uid, message.idiag_inode};
 }
 
 /// As the columns local_address and rem_address have it: "0100007F:1F90".
@@ -126,9 +127,13 @@ std::optional<std::uint32_t> user_of(const Found& found) {
 }  // namespace
 
 std::optional<std::uint32_t> user_at(const sockaddr& peer, const sockaddr& own) {
+  static std::atomic<bool> kernel_answers = false;
   if (!are_comparable(peer, own)) return std::nullopt;
-  const Found found = ask_kernel(peer.sa_family, end_of(peer), end_of(own));
-  return found.inode != 0 ? user_of(found) : user_in_tables(peer, own);
+  const std::optional<Found> found = ask_kernel(peer.sa_family, end_of(peer), end_of(own));
+  if (found) kernel_answers = true;
+  // Where it does, the tables are not read for each client that hangs up: they can be long.
+  if (found || kernel_answers) return user_of(found.value_or(Found{}));
+  return user_in_tables(peer, own);
 }
 
 std::optional<std::uint32_t> user_in_tables(const sockaddr& peer, const sockaddr& own) {

@@ -2,6 +2,7 @@
 #include "components/gateway/access/access.h"
 
 #include <arpa/inet.h>
+#include <fcntl.h>
 #include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 #include <netinet/in.h>
@@ -414,6 +415,24 @@ TEST(GatewayAudit, IsAppendedToAndKeepsOneOlderFile) {
   EXPECT_EQ(older.back()["number"].get<std::uint64_t>() + 1, newer.front()["number"]) << "without a gap";
   EXPECT_EQ(newer.back()["number"], last);
   EXPECT_EQ(std::distance(fs::directory_iterator(folder.path()), fs::directory_iterator()), 2);
+}
+
+TEST(GatewayAudit, ItsLogNeverWaitsForWhoeverDoesNotReadIt) {
+  int pipe[2] = {};
+  ASSERT_EQ(::pipe2(pipe, O_CLOEXEC), 0);
+  const int before = ::dup(STDERR_FILENO);
+  ::dup2(pipe[1], STDERR_FILENO);
+  for (int i = 0; i < 2000; ++i) log(std::string(500, 'x'));
+  std::string text(1 << 20, '\0');
+  const ssize_t first = ::read(pipe[0], text.data(), text.size());
+  log("later");
+  const ssize_t second = ::read(pipe[0], text.data(), text.size());
+  ::dup2(before, STDERR_FILENO);
+  for (const int descriptor : {before, pipe[0], pipe[1]}) ::close(descriptor);
+  EXPECT_GT(first, 30'000);
+  EXPECT_LT(first, 1'000'000);
+  EXPECT_THAT(text.substr(0, static_cast<std::size_t>(std::max<ssize_t>(second, 0))),
+              ::testing::MatchesRegex("cotwin: gateway: \\([0-9]+ lines before this were left out\\) later\n"));
 }
 
 TEST(GatewayAudit, RefusesWhatCannotBeWritten) {
