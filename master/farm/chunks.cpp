@@ -28,6 +28,7 @@ using services::RequestError;
 constexpr int kMostNumber = std::numeric_limits<int>::max();
 constexpr std::size_t kMostRanges = 10;
 constexpr std::chrono::seconds kPartLength{60};
+constexpr std::size_t kAnyValues = ~std::size_t{0};  // the size of its files follows from the study
 constexpr std::size_t kPartRows = 100'000;  // some 25 MB with ten figures each
 
 std::string as_text(const Json& json) { return json.dump(-1, ' ', false, Json::error_handler_t::replace); }
@@ -118,7 +119,7 @@ void write_batch(const fs::path& folder, const Batch& batch) {
 
 Batch read_batch(const fs::path& file) {
   try {
-    const Json object = services::parse_object(text::read_file(file, "chunks of a study"));
+    const Json object = services::parse_object(text::read_file(file, "chunks of a study"), kAnyValues);
     Reader r(object);
     Batch batch;
     batch.name = file.stem().string();
@@ -196,7 +197,7 @@ void refuse_chunk(const Batch& batch, std::size_t index, const fs::path& folder,
 }
 
 Part read_part(std::string_view text, const Farm& farm, const Facts& facts) {
-  const Json object = services::parse_object(text);
+  const Json object = services::parse_object(text, kAnyValues);
   Reader r(object);
   if (r.text("study") != identity(facts)) throw RequestError(r.pointer("study"), "is another one, expected runs of this study");
   Part part;

@@ -35,7 +35,7 @@ std::string motion_file(const std::string& motion) {
   try {
     object = Json::parse(motion);
   } catch (const nlohmann::json::exception& e) {
-    throw Error("motion", std::string("is not JSON: ") + e.what());
+    throw Error("motion", "is not JSON: " + text::reason_of(e));
   }
   if (object.is_object() && object.contains("t_s")) return table_of(object);
   ParameterSet set;

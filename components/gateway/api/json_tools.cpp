@@ -26,7 +26,7 @@ http::Refusal refusal(int status, std::string detail, std::string pointer) {
 
 Json object_of(const std::string& body) {
   try {
-    return services::parse_object(body);
+    return services::parse_object(body, services::kMostBodyValues);
   } catch (const services::RequestError& error) {
     throw refusal(400, error.detail(), error.pointer());
   }

@@ -5,10 +5,9 @@
 #include <array>
 #include <cmath>
 #include <nlohmann/json.hpp>
-#include <set>
-#include <vector>
 
 #include "components/gateway/jobs/jobs.h"
+#include "components/services/json/json.h"
 #include "models/foundation/support/error.h"
 
 namespace cotwin::gateway {
@@ -21,27 +20,6 @@ constexpr double kExactIntegers = 9007199254740992.0;  // 2^53: whole numbers up
 constexpr std::size_t kMostName = 200;                 // bytes of a service or a robot
 constexpr std::size_t kMostMessage = 64 << 10;         // bytes of a message or a problem of a worker
 
-/// Keeps the names of the open objects, to refuse members that appear twice.
-class MemberCheck {
- public:
-  bool operator()(int depth, Json::parse_event_t event, const Json& value) {
-    using Event = Json::parse_event_t;
-    if (event == Event::object_start || event == Event::array_start) {
-      if (depth >= kMostLevels) throw Error("/", "has more than " + std::to_string(kMostLevels) + " levels");
-      names_.resize(static_cast<std::size_t>(depth) + 1);
-      names_.back().clear();
-    } else if (event == Event::key && !names_.back().insert(value.get<std::string>()).second) {
-      throw Error("/", "has the member " + value.dump().substr(0, 80) + " twice in an object");
-    } else if (event == Event::object_end || event == Event::array_end) {
-      names_.resize(static_cast<std::size_t>(depth));
-    }
-    return true;
-  }
-
- private:
-  std::vector<std::set<std::string>> names_;  // by depth
-};
-
 /// Whole numbers become integers: 2.0 and 2 are the same number. −0.0 stays.
 void unify_numbers(Json& value) {
   if (value.is_structured()) {
@@ -53,23 +31,14 @@ void unify_numbers(Json& value) {
   }
 }
 
-std::string reason_of(const Json::exception& error) {
-  const std::string what = error.what();  // "[json.exception.parse_error.101] parse error at line 1, column 2: …"
-  const std::size_t end = what.find("] ");
-  return end == std::string::npos ? what : what.substr(end + 2);
-}
-
 Json parse_request(std::string_view text) {
-  Json request;
-  MemberCheck check;
   try {
-    request = Json::parse(text, std::ref(check));
-  } catch (const Json::exception& error) {
-    throw Error("/", "is not JSON (" + reason_of(error).substr(0, 300) + "), expected an object");
+    Json request = services::parse_object(text);
+    unify_numbers(request);
+    return request;
+  } catch (const services::RequestError& error) {
+    throw Error(error.pointer().empty() ? "/" : error.pointer(), error.detail());
   }
-  if (!request.is_object()) throw Error("/", std::string("is of type ") + request.type_name() + ", expected an object");
-  unify_numbers(request);
-  return request;
 }
 
 std::string name_of(const Json& request, const char* member, bool optional) {

@@ -6,8 +6,6 @@
 /// Texts in JSON: identity of requests, lines of workers.
 namespace cotwin::gateway {
 
-inline constexpr int kMostLevels = 32;  // of nested arrays and objects in a request
-
 inline constexpr const char* kChain = "chain";  // in place of a service
 
 struct CanonicalRequest {

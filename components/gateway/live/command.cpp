@@ -21,7 +21,7 @@ using bus::RunVerb;
 
 Json parse(std::string_view body) {
   try {
-    return services::parse_object(body);
+    return services::parse_object(body, services::kMostBodyValues);
   } catch (const services::RequestError& error) {
     refuse(400, error.detail(), error.pointer());
   }

@@ -7,6 +7,7 @@
 #include "components/gateway/live/streams.h"
 #include "models/foundation/support/choice.h"
 #include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::gateway::mqtt {
 
@@ -331,7 +332,7 @@ void Plant::answer(Orders& orders) {
         reply = orders.handler(order.payload);
       }
     } catch (const std::exception& error) {
-      reply = {500, Json{{"title", "Internal Server Error"}, {"status", 500}, {"detail", error.what()}}.dump()};
+      reply = {500, Json{{"title", "Internal Server Error"}, {"status", 500}, {"detail", text::reason_of(error)}}.dump()};
     }
     if (!may_reply_to(order.response_topic)) continue;
     const Json body = Json::parse(reply.body, nullptr, false);

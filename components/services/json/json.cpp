@@ -265,7 +265,7 @@ Json series_member(Robots& robots, const Json& request, const std::filesystem::p
 }
 
 std::string problem(const std::exception& error) {
-  Json p{{"title", "The request cannot be answered"}, {"detail", error.what()}};
+  Json p{{"title", "The request cannot be answered"}, {"detail", text::reason_of(error)}};
   if (const auto* e = dynamic_cast<const RequestError*>(&error)) {
     p["detail"] = e->detail();
     if (!e->pointer().empty()) p["pointer"] = e->pointer();

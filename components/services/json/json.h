@@ -78,10 +78,14 @@ std::string posture_member(Robots& robots, const nlohmann::ordered_json& request
 nlohmann::ordered_json series_member(Robots& robots, const nlohmann::ordered_json& request, const std::filesystem::path& file,
                                      trajectory::RecordingFormat format);
 
-/// Throws RequestError for text that is not JSON, is nested deeper than 32, or has a member twice.
-nlohmann::ordered_json parse_json(std::string_view text);
+inline constexpr std::size_t kMostBodyValues = 100'000;    // of what a client sends
+inline constexpr std::size_t kMostFileValues = 1'000'000;  // of a file, and of a line for a worker
+
+/// Reads in time that grows with the length. Throws RequestError with the place for text that is not JSON, is nested deeper than 32, has a
+/// member twice or more than 4096 members in an object, or more values (arrays and objects count, too) than `most_values`.
+nlohmann::ordered_json parse_json(std::string_view text, std::size_t most_values = kMostFileValues);
 /// The same, which must be an object.
-nlohmann::ordered_json parse_object(std::string_view text);
+nlohmann::ordered_json parse_object(std::string_view text, std::size_t most_values = kMostFileValues);
 
 /// An error as {"title", "detail", "pointer"} in one line; "pointer" only for a RequestError with one.
 std::string problem(const std::exception& error);

@@ -6,47 +6,13 @@ namespace cotwin::services {
 
 namespace {
 
-constexpr int kDeepest = 32;
-constexpr std::size_t kLongestQuote = 40;
 const Json kNothing = Json::object();
 
 std::string type_of(const Json& value) { return std::string("is of type ") + value.type_name(); }
 
-/// The start of a text for a message, whole characters of UTF-8.
-std::string quoted(const std::string& text) {
-  std::size_t end = std::min(text.size(), kLongestQuote);
-  while (end > 0 && end < text.size() && (static_cast<unsigned char>(text[end]) & 0xC0) == 0x80) --end;
-  return "'" + text.substr(0, end) + (end < text.size() ? "…'" : "'");
-}
+std::string quoted(const std::string& text) { return "'" + start_of(text, kLongestQuote) + "'"; }
 
 }  // namespace
-
-Json parse_json(std::string_view text) {
-  std::vector<std::set<std::string>> names;  // of the objects around the place, arrays have none
-  const auto check = [&](int depth, Json::parse_event_t event, Json& value) {
-    using Event = Json::parse_event_t;
-    if (event == Event::object_start || event == Event::array_start) {
-      if (depth >= kDeepest) throw RequestError("", "is nested deeper than " + std::to_string(kDeepest) + ", expected less");
-      names.emplace_back();
-    } else if (event == Event::object_end || event == Event::array_end) {
-      names.pop_back();
-    } else if (event == Event::key && !names.back().insert(value.get<std::string>()).second) {
-      throw RequestError("", "has the member " + quoted(value.get<std::string>()) + " twice, expected it once");
-    }
-    return true;
-  };
-  try {
-    return Json::parse(text, check);
-  } catch (const nlohmann::json::exception& e) {
-    throw RequestError("", std::string("is not JSON: ") + e.what());
-  }
-}
-
-Json parse_object(std::string_view text) {
-  Json object = parse_json(text);
-  if (!object.is_object()) throw RequestError("", type_of(object) + ", expected an object");
-  return object;
-}
 
 std::string pointer_part(const std::string& name) {
   std::string part;

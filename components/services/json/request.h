@@ -15,6 +15,11 @@ namespace cotwin::services {
 
 using Json = nlohmann::ordered_json;
 
+inline constexpr std::size_t kLongestQuote = 40;  // bytes of a text in a message
+
+/// The start of a text for a message, whole characters of UTF-8.
+std::string start_of(const std::string& text, std::size_t longest);
+
 /// The name as part of a JSON pointer (RFC 6901): '~' and '/' are escaped.
 std::string pointer_part(const std::string& name);
 

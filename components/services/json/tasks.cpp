@@ -191,7 +191,7 @@ std::vector<Task> read_tasks(std::string_view text, const std::string& place, co
   try {
     file = parse_json(text);
   } catch (const RequestError& e) {
-    throw Error(place, e.detail());
+    throw Error(place, e.pointer().empty() ? e.detail() : e.what());
   }
   std::vector<Task> tasks;
   const bool library = file.is_object() && !file.contains("service") && !is_chain(file) &&

@@ -55,7 +55,7 @@ Json read_file(const fs::path& file) {
   try {
     return services::parse_object(text::read_file(file, "a study (.json)"));
   } catch (const services::RequestError& error) {
-    throw Error(file.string(), error.detail());
+    throw Error(file.string(), error.pointer().empty() ? error.detail() : error.what());
   }
 }
 

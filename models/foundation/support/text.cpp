@@ -123,6 +123,12 @@ std::string counted(std::int64_t number, const std::string& one) {
   return std::to_string(number) + " " + one + (number == 1 ? "" : "s");
 }
 
+std::string reason_of(const std::exception& error) {
+  const std::string what = error.what();
+  const std::size_t end = what.starts_with("[json.") ? what.find("] ") : std::string::npos;
+  return end == std::string::npos ? what : what.substr(end + 2);
+}
+
 std::string identifier(const std::string& name) {
   std::string id = name;
   for (char& c : id) {

@@ -1,4 +1,5 @@
 #pragma once
+#include <exception>
 #include <optional>
 #include <span>
 #include <string>
@@ -30,6 +31,9 @@ std::string joined(std::span<const double> numbers);
 
 /// "1 message", "2 messages".
 std::string counted(std::int64_t number, const std::string& one);
+
+/// what() without a name of an exception of nlohmann's in front, such as "[json.exception.parse_error.101] ".
+std::string reason_of(const std::exception& error);
 
 /// Valid name of a variable: replaces every character other than a letter, digit, dot or underscore by an underscore.
 std::string identifier(const std::string& name);

@@ -273,7 +273,7 @@ std::vector<RobotHistory> parse_history(std::string_view text, const std::string
   try {
     file = Json::parse(text);
   } catch (const nlohmann::json::exception& error) {
-    throw Error(place, std::string("is no JSON: ") + error.what());
+    throw Error(place, "is no JSON: " + text::reason_of(error));
   }
   Members members(file, place);
   const Json* version = members.find("cotwin_history");

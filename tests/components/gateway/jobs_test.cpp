@@ -257,9 +257,9 @@ TEST(Jobs, RefuseOrdersThatCannotBeRun) {
   EXPECT_EQ(refusal("a", "[1]"), "/: is of type array, expected an object");
   EXPECT_NE(refusal("a", R"({"service": "echo", "x": NaN})").find("is not JSON"), std::string::npos);
   EXPECT_NE(refusal("a", "").find("is not JSON"), std::string::npos);
-  EXPECT_NE(refusal("a", R"({"service": "echo", "x": 1, "x": 2})").find("has the member \"x\" twice"), std::string::npos);
+  EXPECT_NE(refusal("a", R"({"service": "echo", "x": 1, "x": 2})").find("has the member 'x' twice"), std::string::npos);
   EXPECT_NE(refusal("a", "{\"service\": \"echo\", \"x\": \"\xff\"}").find("is not JSON"), std::string::npos);
-  EXPECT_NE(refusal("a", std::string(400, '[')).find("levels"), std::string::npos);
+  EXPECT_NE(refusal("a", std::string(400, '[')).find("nested deeper than 32"), std::string::npos);
   EXPECT_NE(refusal("a", std::string(1001, ' ')).find("1001 bytes, expected at most 1000"), std::string::npos);
   for (const char* id : {"a/b", ".", "..", "a b", "\n", "ä"})
     EXPECT_NE(refusal(id, R"({"service": "echo"})").find("identifier"), std::string::npos);
