@@ -68,6 +68,7 @@ void Connection::read() {
   entry_ = nullptr;
   allowed_origin_.clear();
   bearer.reset();
+  wait_for_client();
   head_ = false;
   if (buffer_.size() > 0) return read_header();
   buffer_.shrink_to_fit();
@@ -155,6 +156,9 @@ void Connection::Pending::send(Response response) {
 Connection::Pending::~Pending() { send(refusal(500, "the request was not answered")); }
 
 void Connection::dispatch() {
+  if (request_->bearer) holder = request_->owner;
+  if (const auto problem = server_.deny_place(*this)) return refuse(to_response(*problem, {{"Retry-After", "1"}}));
+  idle_since.reset();
   const auto pending = std::make_shared<Pending>();
   pending->loop = server_.loop;
   pending->connection = weak_from_this();
@@ -217,7 +221,7 @@ void Connection::respond(Response response) {
   if (response.status >= 400) ++server_.counts.refused;
   if (response.stream && request_ && request_->upgrade) {
     disarm();
-    upgrade(server_, std::move(stream_), std::move(slot_), bearer, parser_->get(), std::move(response.stream));
+    upgrade(server_, std::move(stream_), *this, parser_->get(), std::move(response.stream));
     finished_ = true;
     server_.remove(this);
     return;
@@ -229,6 +233,7 @@ void Connection::respond(Response response) {
   }
   out_ = head_of(response);
   if (!head_) out_ += response.body;
+  wait_for_client();
   arm(limits_.response);
   asio::async_write(stream_, asio::buffer(out_), [self = shared_from_this()](const ErrorCode& error, std::size_t) {
     if (error) return self->finish();
@@ -329,14 +334,14 @@ void Connection::finish() {
   server_.remove(this);
 }
 
-void serve(Server::Impl& server, tcp::socket socket, std::unique_ptr<ConnectionSlot> slot, std::string owner) {
-  const auto connection = std::make_shared<Connection>(server, std::move(socket), std::move(slot), std::move(owner));
+void serve(Server::Impl& server, tcp::socket socket, std::string address, std::string owner) {
+  const auto connection = std::make_shared<Connection>(server, std::move(socket), std::move(address), std::move(owner));
   server.add(connection);
   connection->start();
 }
 
 void refuse_connection(Server::Impl& server, tcp::socket socket, Response refusal) {
-  const auto connection = std::make_shared<Connection>(server, std::move(socket), nullptr, "");
+  const auto connection = std::make_shared<Connection>(server, std::move(socket), "", "");
   server.add(connection);
   connection->refuse_connection(std::move(refusal));
 }

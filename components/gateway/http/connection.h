@@ -23,14 +23,15 @@ inline Response refusal(int status, std::string detail, std::vector<Field> field
 /// One HTTP connection. The checks of a request are in examination.cpp.
 class Connection final : public Client, public std::enable_shared_from_this<Connection> {
  public:
-  Connection(Server::Impl& server, tcp::socket socket, std::unique_ptr<ConnectionSlot> slot, std::string owner)
+  Connection(Server::Impl& server, tcp::socket socket, std::string from, std::string owner)
       : server_(server),
-        slot_(std::move(slot)),
         owner_(std::move(owner)),
         limits_(server.options.limits),
         stream_(std::move(socket), server.tls ? &*server.tls : nullptr),
         timer_(server.context),
         buffer_(limits_.header_bytes + (64 << 10)) {
+    address = std::move(from);
+    wait_for_client();
     ++server_.counts.open;
   }
   ~Connection() override { --server_.counts.open; }
@@ -43,6 +44,7 @@ class Connection final : public Client, public std::enable_shared_from_this<Conn
     respond(std::move(refusal));
   }
   void abort() override { finish(); }
+  const tcp::socket& socket() const override { return stream_.next_layer(); }
   void respond(Response response);
 
  private:
@@ -66,6 +68,7 @@ class Connection final : public Client, public std::enable_shared_from_this<Conn
     timer_.cancel();
   }
 
+  void wait_for_client() { idle_since = std::chrono::steady_clock::now(); }
   void expect_tls();
   void read();
   void read_header();
@@ -97,7 +100,6 @@ class Connection final : public Client, public std::enable_shared_from_this<Conn
   void finish();
 
   Server::Impl& server_;
-  std::unique_ptr<ConnectionSlot> slot_;
   const std::string owner_;
   const Limits& limits_;
   AnyStream stream_;

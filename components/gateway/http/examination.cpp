@@ -92,7 +92,7 @@ std::optional<Response> Connection::check_access(Request& request) {
   request.owner = owner_;
   ErrorCode gone;
   const tcp::endpoint peer = stream_.next_layer().remote_endpoint(gone);
-  request.address = gone ? slot_->address() : peer.address().to_string();
+  request.address = gone ? address : peer.address().to_string();
   request.audit = server_.options.audit;
   if (route.scope.empty()) return std::nullopt;
   if (server_.options.token_file.empty()) return check_local_user(request);
@@ -118,7 +118,7 @@ std::optional<Response> Connection::check_access(Request& request) {
   const access::Bearer* const found = request.bearer ? server_.find_bearer(*request.bearer) : nullptr;
   if (found == nullptr) {
     request.bearer.reset();
-    late_answer_ = server_.note_wrong_token(slot_->address());
+    late_answer_ = server_.note_wrong_token(address);
     return refusal(401,
                    is_ticket ? "the ticket is not valid: used, expired or unknown" : "the token is not one of the gateway's",
                    {{"WWW-Authenticate", "Bearer error=\"invalid_token\""}});

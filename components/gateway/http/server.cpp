@@ -4,6 +4,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <boost/asio/ip/v6_only.hpp>
 #include <nlohmann/json.hpp>
 
@@ -19,7 +20,8 @@ namespace cotwin::gateway::http {
 namespace {
 
 constexpr int kBacklog = 128;
-constexpr std::size_t kMostRefusing = 256;        // connections that are told at the same time that there are too many
+constexpr std::size_t kMostRefusing = 256;  // connections that are told at the same time that there are too many
+constexpr std::size_t kKeptPlaces = 8;  // for clients that have no connection in use, where that is an eighth of all or less
 constexpr std::chrono::milliseconds kPause{100};  // after an accept that failed, as for want of descriptors
 
 asio::ip::address address_of(const std::string& text, const std::string& place) {
@@ -250,6 +252,59 @@ void Server::Impl::accept(Listener& listener) {
   });
 }
 
+/// A token's requests say so themselves.
+const std::string& Server::Impl::holder_of(Client& client) const {
+  if (!client.holder.empty()) return client.holder;
+  ErrorCode gone;
+  const bool local = client.socket().remote_endpoint(gone).address().is_loopback();
+  client.holder = !gone && local ? find_local_user(client.socket()).name : "address " + client.address;
+  return client.holder;
+}
+
+std::size_t Server::Impl::places(const std::string& address, bool idle_ones) const {
+  return static_cast<std::size_t>(std::ranges::count_if(clients, [&](const auto& entry) {
+    const Client& c = *entry.first;
+    return !c.address.empty() && (address.empty() || c.address == address) && (idle_ones || !c.idle());
+  }));
+}
+
+/// Closes the connection that is idle for longest, of whoever has most of those that have idle ones. False: there is none.
+bool Server::Impl::make_room(const std::string& address) {
+  struct Holder {
+    std::size_t places = 0;
+    Client* oldest = nullptr;
+  };
+  std::map<std::string, Holder> holders;
+  for (const auto& [client, owned] : clients) {
+    if (client->address.empty() || (!address.empty() && client->address != address)) continue;
+    Holder& holder = holders[holder_of(*client)];
+    ++holder.places;
+    if (client->idle() && (holder.oldest == nullptr || client->idle_since < holder.oldest->idle_since)) holder.oldest = client;
+  }
+  const Holder* most = nullptr;
+  for (const auto& [name, holder] : holders) {
+    if (holder.oldest != nullptr && (most == nullptr || holder.places > most->places)) most = &holder;
+  }
+  if (most != nullptr) most->oldest->abort();
+  return most != nullptr;
+}
+
+std::optional<Problem> Server::Impl::deny_place(Client& client) {
+  const auto is_full = [&](std::size_t most, const std::string& address) {
+    const std::size_t kept = std::min(kKeptPlaces, most / 8);
+    return clients.size() > most - kept && places(address, false) >= most - kept;
+  };
+  if (!is_full(options.limits.connections, "") && !is_full(options.limits.address_connections, client.address))
+    return std::nullopt;
+  const bool has_others = std::ranges::any_of(clients, [&](const auto& entry) {
+    Client& c = *entry.first;
+    return &c != &client && !c.address.empty() && !c.idle() && holder_of(c) == holder_of(client);
+  });
+  if (!has_others) return std::nullopt;
+  return Problem{429, "too many connections of this client are in use, expected fewer: the last places are kept for others", "",
+                 ""};
+}
+
 void Server::Impl::admit(tcp::socket socket) {
   const std::uint64_t number = ++counts.connections;
   ErrorCode none;
@@ -257,19 +312,18 @@ void Server::Impl::admit(tcp::socket socket) {
   if (none) return;  // it has gone again
   socket.set_option(tcp::no_delay(true), none);
   const std::string address = client_address(from.address());
-  const auto own = slots.find(address);
   std::optional<Problem> problem;
-  if (clients.size() - refusing >= options.limits.connections) {
-    problem = Problem{503, "too many connections", "", ""};
-  } else if (own != slots.end() && own->second >= options.limits.address_connections) {
+  if (places(address, true) >= options.limits.address_connections && !make_room(address)) {
     problem = Problem{
         429, "too many connections of this address, expected at most " + std::to_string(options.limits.address_connections), "",
         ""};
+  } else if (places("", true) >= options.limits.connections && !make_room("")) {
+    problem = Problem{503, "too many connections", "", ""};
   }
   if (!problem) {
     // At the loopback address all programs of this machine have the same one.
     std::string owner = from.address().is_loopback() ? "connection " + std::to_string(number) : "address " + address;
-    return serve(*this, std::move(socket), std::make_unique<ConnectionSlot>(*this, address), std::move(owner));
+    return serve(*this, std::move(socket), address, std::move(owner));
   }
   // Without TLS the client could not read it, and a handshake costs more than the refusal saves.
   if (tls || refusing >= kMostRefusing) {

@@ -45,8 +45,15 @@ class Client {
   virtual ~Client() = default;
   /// Closes the connection at once.
   virtual void abort() = 0;
+  virtual const tcp::socket& socket() const = 0;
+
+  /// It waits for the client: for a whole request, or until the client takes a response. At the bound it may be closed.
+  bool idle() const { return idle_since.has_value(); }
 
   std::optional<access::Digest> bearer;  // the token of what it does at present, if it needs one
+  std::string address;                   // where it counts; "": nowhere, because it only gets a refusal
+  std::string holder;                    // for whom it counts: a token, a local user, an address; "": not asked yet
+  std::optional<std::chrono::steady_clock::time_point> idle_since;
 };
 
 /// A client without a token, at the loopback address.
@@ -70,14 +77,15 @@ struct Server::Impl {
   const access::Bearer* find_bearer(const access::Digest& token) { return tokens.find(token, clock.now()); }
   /// Returns how long the answer to it waits.
   std::chrono::seconds note_wrong_token(const std::string& address);
+  /// Why there is no place for one more that is not idle, if so: the last ones are kept for clients that have none.
+  std::optional<Problem> deny_place(Client& client);
   /// Who is at the other end of this connection.
   LocalUser find_local_user(const tcp::socket& socket) const;
 
   ServerOptions options;
   const Router& router;
   Counts counts;
-  std::map<std::string, std::size_t> slots;  // connections by address; only those with any
-  std::size_t refusing = 0;                  // connections that only get a refusal
+  std::size_t refusing = 0;  // connections that only get a refusal
   asio::io_context context{1};
   std::optional<asio::ssl::context> tls;  // of new connections
   access::Tokens tokens;
@@ -113,6 +121,10 @@ struct Server::Impl {
   bool listen(const std::string& address, bool must);
   void accept(Listener& listener);
   void admit(tcp::socket socket);
+  const std::string& holder_of(Client& client) const;
+  /// The places of an address, "": of all.
+  std::size_t places(const std::string& address, bool idle_ones) const;
+  bool make_room(const std::string& address);
 
   std::vector<std::unique_ptr<Listener>> listeners_;
   Watched token_file_, certificate_, key_;
@@ -123,31 +135,13 @@ struct Server::Impl {
   bool stopped_ = false;
 };
 
-/// The place of a connection among those of its address.
-class ConnectionSlot {
- public:
-  ConnectionSlot(Server::Impl& server, std::string address) : server_(server), address_(std::move(address)) {
-    ++server_.slots[address_];
-  }
-  ~ConnectionSlot() {
-    if (--server_.slots[address_] == 0) server_.slots.erase(address_);
-  }
-  const std::string& address() const { return address_; }
-  ConnectionSlot(const ConnectionSlot&) = delete;
-  ConnectionSlot& operator=(const ConnectionSlot&) = delete;
-
- private:
-  Server::Impl& server_;
-  const std::string address_;
-};
-
 /// Begins to serve a connection (connection.cpp). `owner`: of requests without a token.
-void serve(Server::Impl& server, tcp::socket socket, std::unique_ptr<ConnectionSlot> slot, std::string owner);
+void serve(Server::Impl& server, tcp::socket socket, std::string address, std::string owner);
 /// Sends a refusal and closes the connection, in order.
 void refuse_connection(Server::Impl& server, tcp::socket socket, Response refusal);
 
-/// Makes a WebSocket of a connection whose request was granted (web_socket.cpp). `bearer`: its token, if it needs one.
-void upgrade(Server::Impl& server, AnyStream stream, std::unique_ptr<ConnectionSlot> slot, std::optional<access::Digest> bearer,
+/// Makes a WebSocket of a connection whose request was granted (web_socket.cpp).
+void upgrade(Server::Impl& server, AnyStream stream, const Client& connection,
              const beast::http::request<beast::http::string_body>& request,
              std::function<void(const std::shared_ptr<Stream>&)> opened);
 

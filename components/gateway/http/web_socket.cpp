@@ -16,9 +16,8 @@ constexpr double kClose = 2;    // s, until the client has answered the close fr
 
 class WebSocket final : public Client, public std::enable_shared_from_this<WebSocket> {
  public:
-  WebSocket(Server::Impl& server, AnyStream stream, std::unique_ptr<ConnectionSlot> slot)
+  WebSocket(Server::Impl& server, AnyStream stream)
       : server_(server),
-        slot_(std::move(slot)),
         limits_(server.options.limits),
         socket_(std::move(stream)),
         timer_(server.context),
@@ -67,6 +66,8 @@ class WebSocket final : public Client, public std::enable_shared_from_this<WebSo
       self->pump();
     });
   }
+
+  const tcp::socket& socket() const override { return socket_.next_layer().next_layer(); }
 
   void abort() override {
     if (finished_) return;
@@ -144,7 +145,6 @@ class WebSocket final : public Client, public std::enable_shared_from_this<WebSo
   }
 
   Server::Impl& server_;
-  std::unique_ptr<ConnectionSlot> slot_;
   const Limits& limits_;
   ws::stream<AnyStream, false> socket_;
   asio::steady_timer timer_;
@@ -158,11 +158,13 @@ class WebSocket final : public Client, public std::enable_shared_from_this<WebSo
 
 }  // namespace
 
-void upgrade(Server::Impl& server, AnyStream stream, std::unique_ptr<ConnectionSlot> slot, std::optional<access::Digest> bearer,
+void upgrade(Server::Impl& server, AnyStream stream, const Client& connection,
              const beast::http::request<beast::http::string_body>& request,
              std::function<void(const std::shared_ptr<Stream>&)> opened) {
-  const auto socket = std::make_shared<WebSocket>(server, std::move(stream), std::move(slot));
-  socket->bearer = bearer;
+  const auto socket = std::make_shared<WebSocket>(server, std::move(stream));
+  socket->bearer = connection.bearer;
+  socket->address = connection.address;
+  socket->holder = connection.holder;
   server.add(socket);
   socket->start(request, std::move(opened));
 }

@@ -545,6 +545,28 @@ TEST(GatewayAccess, GivesEachScopeItsRoutesAndNoMore) {
   EXPECT_EQ(subject.status("GET", "/events?ticket=aaaaaaaaaaaaaaaa"), 401) << "a token is not accepted in a query";
 }
 
+TEST(GatewayAccess, LetsHandshakesThatStopGiveWay) {
+  const TemporaryFolder folder("handshakes");
+  const Issued made = issue(curve("P-256"), EVP_sha256());
+  http::ServerOptions options;
+  options.certificate = folder.write("cert.pem", made.certificate);
+  options.key = folder.write("key.pem", made.key);
+  fs::permissions(options.key, fs::perms::owner_read);
+  options.limits.address_connections = 4;
+  const Subject subject(std::move(options));
+  std::vector<std::unique_ptr<testing::RawClient>> stopped;
+  const auto& counts = subject.server->counts();
+  for (std::uint64_t i = 0; i < 4; ++i) {
+    stopped.push_back(std::make_unique<testing::RawClient>(subject.server->port()));
+    stopped.back()->send(std::string("\x16\x03\x01\x02\x00\x01", 6).substr(0, i + 1));
+    ASSERT_TRUE(testing::within_patience([&] { return counts.open == i + 1; }));
+  }
+  const testing::RawClient next(subject.server->port());
+  EXPECT_TRUE(stopped[0]->ended());
+  EXPECT_EQ(counts.open, 4u);
+  EXPECT_EQ(counts.refused, 0u);
+}
+
 TEST(GatewayAccess, TakesATicketOnceAndAsLongAsItsTokenHolds) {
   const SecretFile tokens("read " + kA + "\nread " + kB);
   http::ServerOptions options;

@@ -2,6 +2,8 @@
 #include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
+#include <poll.h>
+
 #include <atomic>
 #include <condition_variable>
 #include <memory>
@@ -269,20 +271,58 @@ TEST(GatewayFairness, AClientWithATokenIsOneOwnerOverAllItsConnections) {
   EXPECT_EQ(http_call(subject.port(), "GET", "/short", "", b).status, 200) << "the other client has its own share";
 }
 
-TEST(GatewayFairness, LimitsTheConnectionsOfAnAddress) {
+const std::string kA = "Authorization: Bearer aaaaaaaaaaaaaaaaaaaa\r\n", kB = "Authorization: Bearer bbbbbbbbbbbbbbbbbbbb\r\n",
+                  kC = "Authorization: Bearer cccccccccccccccccccc\r\n";
+
+/// Connections to a server, some of them for a token.
+class Crowd {
+ public:
+  explicit Crowd(Subject& subject) : subject_(subject) {}
+  /// Connects, and waits until the server has seen it.
+  RawClient& join() {
+    const std::uint64_t before = subject_.server->counts().connections;
+    clients_.push_back(std::make_unique<RawClient>(subject_.port()));
+    EXPECT_TRUE(within_patience([&] { return subject_.server->counts().connections > before; }));
+    return *clients_.back();
+  }
+  /// Connects, is answered, and is idle then.
+  RawClient& join_and_ask(const std::string& token) {
+    RawClient& client = join();
+    client.send(http_request("GET", "/short", "", token));
+    EXPECT_EQ(client.reply().status, 200);
+    return client;
+  }
+  /// Connects and watches events, which never ends by itself. The status.
+  int watch(const std::string& token = "") {
+    RawClient& client = join();
+    client.send(http_request("GET", "/events", "", token));
+    return client.reply(true).status;
+  }
+
+ private:
+  Subject& subject_;
+  std::vector<std::unique_ptr<RawClient>> clients_;
+};
+
+bool is_open(const RawClient& client) {
+  pollfd readable = {client.descriptor(), POLLIN, 0};
+  return ::poll(&readable, 1, 0) == 0;
+}
+
+TEST(GatewayFairness, LimitsTheConnectionsOfAnAddressThatAreInUse) {
   ServerOptions options;
   options.limits.address_connections = 2;
   Subject subject(std::move(options));
-  auto first = std::make_unique<RawClient>(subject.port());
-  RawClient second(subject.port());
-  ASSERT_TRUE(within_patience([&] { return subject.server->counts().open == 2; }));
+  std::optional<Crowd> watchers(std::in_place, subject);
+  EXPECT_EQ(watchers->watch(), 200);
+  EXPECT_EQ(watchers->watch(), 200);
   RawClient third(subject.port());
   third.send(http_request("GET", "/short"));  // does not keep the refusal from being read
   const HttpReply refused = third.reply();
   EXPECT_EQ(refused.status, 429);
   EXPECT_EQ(refused.field("Retry-After"), "1");
   EXPECT_EQ(nlohmann::json::parse(refused.body)["detail"], "too many connections of this address, expected at most 2");
-  first.reset();
+  watchers.reset();
   EXPECT_TRUE(within_patience([&] { return http_call(subject.port(), "GET", "/short").status == 200; }));
 }
 
@@ -290,12 +330,84 @@ TEST(GatewayFairness, TellsManyConnectionsAtOnceThatThereAreTooMany) {
   ServerOptions options;
   options.limits.address_connections = 2;
   Subject subject(std::move(options));
+  Crowd watchers(subject);
+  for (int i = 0; i < 2; ++i) ASSERT_EQ(watchers.watch(), 200);
   std::vector<std::unique_ptr<RawClient>> clients;
-  for (int i = 0; i < 100; ++i) clients.push_back(std::make_unique<RawClient>(subject.port()));
+  for (int i = 0; i < 98; ++i) clients.push_back(std::make_unique<RawClient>(subject.port()));
   ASSERT_TRUE(within_patience([&] { return subject.server->counts().connections == 100; }));
   int told = 0;
-  for (std::size_t i = 2; i < clients.size(); ++i) told += clients[i]->reply().status == 429;
+  for (const auto& client : clients) told += client->reply().status == 429;
   EXPECT_EQ(told, 98);
+}
+
+// What waits for its client, in whatever state, cannot lock others out.
+TEST(GatewayFairness, ClosesTheOldestConnectionThatWaitsForItsClient) {
+  ServerOptions options;
+  options.limits.address_connections = 6;
+  Subject subject(std::move(options));
+  Crowd crowd(subject);
+  RawClient& silent = crowd.join();
+  RawClient& piecewise = crowd.join();
+  RawClient& half = crowd.join();
+  RawClient& answered = crowd.join_and_ask("");
+  piecewise.send("G");
+  half.send("GET /short HTTP/1.1\r\nHost: loc");
+  EXPECT_EQ(crowd.watch(), 200);
+  EXPECT_EQ(crowd.watch(), 200);
+  // Everyone is served, and the two that watch stay.
+  RawClient* const waiting[] = {&silent, &piecewise, &half, &answered};
+  for (int i = 0; i < 4; ++i) {
+    for (int k = i; k < 4; ++k) EXPECT_TRUE(is_open(*waiting[k])) << i << " " << k;
+    crowd.join_and_ask("");
+    EXPECT_TRUE(waiting[i]->ended()) << i;
+  }
+  for (int i = 0; i < 50; ++i) EXPECT_EQ(http_call(subject.port(), "GET", "/short").status, 200);
+  EXPECT_EQ(subject.server->counts().streams, 2u);
+}
+
+TEST(GatewayFairness, ClosesAnIdleConnectionOfWhoeverHasMost) {
+  ServerOptions options;
+  const testing::SecretFile tokens("read aaaaaaaaaaaaaaaaaaaa\nread bbbbbbbbbbbbbbbbbbbb\nread cccccccccccccccccccc");
+  options.token_file = tokens.path();
+  options.limits.connections = 7;
+  Subject subject(std::move(options));
+  Crowd crowd(subject);
+  RawClient& b = crowd.join_and_ask(kB);  // idle for longest
+  RawClient& second_b = crowd.join_and_ask(kB);
+  std::vector<RawClient*> a;
+  for (int i = 0; i < 4; ++i) a.push_back(&crowd.join_and_ask(kA));
+  EXPECT_EQ(crowd.watch(kC), 200);
+  crowd.join_and_ask(kC);
+  EXPECT_TRUE(a[0]->ended());
+  crowd.join();  // without a request it counts for its user
+  EXPECT_TRUE(a[1]->ended());
+  for (RawClient* open : {&b, &second_b, a[2], a[3]}) EXPECT_TRUE(is_open(*open));
+  for (RawClient* used : {&b, a[2]}) {
+    used->send(http_request("GET", "/short", "", kB));
+    EXPECT_EQ(used->reply().status, 200);
+  }
+}
+
+TEST(GatewayFairness, KeepsThePlacesThatAreLastForClientsWithoutAny) {
+  ServerOptions options;
+  const testing::SecretFile tokens("read aaaaaaaaaaaaaaaaaaaa\nread bbbbbbbbbbbbbbbbbbbb\nread cccccccccccccccccccc");
+  options.token_file = tokens.path();
+  options.limits.connections = 16;  // an eighth of them: 2
+  Subject subject(std::move(options));
+  Crowd crowd(subject);
+  for (int i = 0; i < 14; ++i) ASSERT_EQ(crowd.watch(kA), 200) << i;
+  for (int i = 0; i < 20; ++i) EXPECT_EQ(crowd.watch(kA), 429) << i;
+  RawClient& more = crowd.join();
+  more.send(http_request("GET", "/short", "", kA));
+  const HttpReply refused = more.reply();
+  EXPECT_EQ(refused.status, 429);
+  EXPECT_EQ(refused.field("Retry-After"), "1");
+  EXPECT_THAT(refused.body, HasSubstr("the last places are kept for others"));
+  EXPECT_EQ(crowd.watch(kB), 200);
+  EXPECT_EQ(crowd.watch(kB), 429);
+  EXPECT_EQ(crowd.watch(kC), 200);
+  RawClient last(subject.port());
+  EXPECT_EQ(last.reply().status, 503) << "all are in use";
 }
 
 TEST(GatewayFairness, AnswersInTimeThatThereIsNoAnswerAndForgetsRequestsThatWait) {

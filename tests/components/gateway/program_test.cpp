@@ -362,8 +362,7 @@ TEST(ServeCommand, StaysSmallUnderAFlood) {
       else
         clients.back()->send(pipelined.substr(0, 16'000));
     }
-    const HttpReply busy = RawClient(gateway.port()).reply();
-    EXPECT_EQ(busy.status, 503);
+    EXPECT_EQ(gateway.call("GET", "/health").status, 200) << "one that only waits for its client gives way";
   }
   EXPECT_TRUE(within_patience([&] { return gateway.call("GET", "/health").status == 200; })) << "it serves again";
   gateway.process().signal(SIGINT);

@@ -255,8 +255,11 @@ TEST(GatewayServer, RefusesMoreConnectionsThanAllowedAndServesAgainLater) {
   options.limits.connections = 4;
   Subject subject(std::move(options));
   std::vector<std::unique_ptr<RawClient>> clients;
-  for (int i = 0; i < 4; ++i) clients.push_back(std::make_unique<RawClient>(subject.port()));
-  ASSERT_TRUE(within_patience([&] { return subject.server->counts().open == 4; }));
+  for (int i = 0; i < 4; ++i) {
+    clients.push_back(std::make_unique<RawClient>(subject.port()));
+    clients.back()->send(http_request("GET", "/events"));
+    ASSERT_EQ(clients.back()->reply(true).status, 200);
+  }
   RawClient more(subject.port());
   const HttpReply busy = more.reply();
   EXPECT_EQ(busy.status, 503);
