@@ -11,7 +11,27 @@ namespace cotwin::master {
 
 namespace {
 
-constexpr std::string_view kMagic = "CTWRUN1\n";
+constexpr std::string_view kMagic = "CTWRUN2\n";
+
+void write(ByteWriter& out, const std::optional<Recorder::Kept>& given) {
+  const Recorder::Kept kept = given.value_or(Recorder::Kept{});
+  out.value(static_cast<std::uint8_t>(given.has_value()));
+  out.value(kept.bytes);
+  out.value(kept.rows);
+  out.value(kept.dropped);
+  out.value(kept.hash);
+}
+
+std::optional<Recorder::Kept> read_kept(ByteReader& in) {
+  const auto given = in.value<std::uint8_t>();
+  if (given > 1) in.fail("is damaged");
+  Recorder::Kept kept;
+  kept.bytes = in.value<std::uint64_t>();
+  kept.rows = in.value<std::int64_t>();
+  kept.dropped = in.value<std::int64_t>();
+  kept.hash = in.value<std::uint64_t>();
+  return given == 1 ? std::optional(kept) : std::nullopt;
+}
 
 }  // namespace
 
@@ -24,11 +44,8 @@ std::string to_bytes(const RunCheckpoint& c) {
   out.text(c.command);
   out.text(c.folder);
   out.value(c.state.beginning);
-  out.value(static_cast<std::uint8_t>(c.state.recording.has_value()));
-  const Recorder::Kept kept = c.state.recording.value_or(Recorder::Kept{});
-  out.value(kept.bytes);
-  out.value(kept.rows);
-  out.value(kept.dropped);
+  write(out, c.state.recording);
+  write(out, c.state.view);
   out.value(c.state.wall_seconds);
   out.text(c.state.bytes);
   ByteWriter head;
@@ -50,13 +67,8 @@ RunCheckpoint parse_checkpoint(std::string_view bytes, const std::string& place)
   c.command = in.text();
   c.folder = in.text();
   c.state.beginning = in.value<std::uint64_t>();
-  const auto has_recording = in.value<std::uint8_t>();
-  if (has_recording > 1) in.fail("is damaged");
-  Recorder::Kept kept;
-  kept.bytes = in.value<std::uint64_t>();
-  kept.rows = in.value<std::int64_t>();
-  kept.dropped = in.value<std::int64_t>();
-  if (has_recording == 1) c.state.recording = kept;
+  c.state.recording = read_kept(in);
+  c.state.view = read_kept(in);
   c.state.wall_seconds = in.value<double>();
   c.state.bytes = in.text();
   in.expect_end();
@@ -132,11 +144,8 @@ void CheckpointWriter::run() {
 }
 
 void CheckpointWriter::write_now(RunState state) {
-  if (state.recording) {
-    const std::optional<std::uint64_t> bytes = options_.sync_recording();
-    if (!bytes) return;  // the recording failed and reports that itself
-    state.recording->bytes = *bytes;
-  }
+  if ((state.recording || state.view) && !options_.sync_recording(state))
+    return;  // the recording failed and reports that itself
   RunCheckpoint checkpoint = options_.head;
   checkpoint.state = std::move(state);
   write_file(options_.file, to_bytes(checkpoint));

@@ -40,9 +40,9 @@ class CheckpointWriter {
   struct Options {
     std::filesystem::path file;
     std::chrono::duration<double> every{10};
-    RunCheckpoint head;                                            // all but the state
-    std::function<std::optional<std::uint64_t>()> sync_recording;  // Master::sync_recording
-    std::function<void()> due;                                     // called on this thread when a checkpoint is due
+    RunCheckpoint head;                             // all but the state
+    std::function<bool(RunState&)> sync_recording;  // Master::sync_recording
+    std::function<void()> due;                      // called on this thread when a checkpoint is due
   };
   explicit CheckpointWriter(Options options);
   ~CheckpointWriter();

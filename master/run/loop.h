@@ -37,9 +37,9 @@ class Master::Loop {
   void prepare_threads() { pace_.prepare_threads(engine_); }
   void save(std::function<void(RunState)> take, bool last);
   const std::string& unsavable() const { return unsavable_; }
-  std::optional<std::uint64_t> sync_recording() const {
-    if (view_.recorder) static_cast<void>(view_.recorder->sync_to_mark());
-    return signals_.recorder ? signals_.recorder->sync_to_mark() : std::optional(std::uint64_t{0});
+  bool sync_recording(RunState& state) const {
+    if (state.view && !view_.recorder->sync_to_mark(*state.view)) return false;
+    return !state.recording || signals_.recorder->sync_to_mark(*state.recording);
   }
   std::span<const Column> columns() const { return columns_; }
 
@@ -96,7 +96,6 @@ class Master::Loop {
   bool joint_names_ = false;
   Rows signals_, view_;
   std::int64_t next_row_ = kNever;  // the tick at whose beginning one of them is sampled
-  std::int64_t kept_view_rows_ = 0;
   Initialisation initialisation_;
 
   TickTimes times_;

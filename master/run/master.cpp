@@ -164,7 +164,7 @@ void Master::Loop::open_recordings() {
     options.heading = view_heading(view_columns_);
     options.ring_bytes = std::size_t{1} << 20;
     if (options.holds) options.least_rows = static_cast<std::size_t>((kCheckpointEvery + kMostWaiting) / view_.every) + 2;
-    if (resume_) options.kept = {0, kept_view_rows_, 0};
+    if (resume_) options.kept = resume_->view.value_or(Recorder::Kept{});
     view_.recorder = std::make_unique<Recorder>(view_columns_, view_file_, options);
     if (!resume_) view_.next = tick_;
   }
@@ -277,7 +277,10 @@ void Master::Loop::pass_state() {
     run.recording = {0, recorder->rows(), recorder->dropped()};
     recorder->mark();
   }
-  if (view_.recorder) view_.recorder->mark();
+  if (Recorder* const recorder = view_.recorder.get()) {
+    run.view = {0, recorder->rows(), 0};
+    recorder->mark();
+  }
   std::exchange(state_taker_, nullptr)(std::move(run));
 }
 
@@ -287,7 +290,6 @@ std::string Master::Loop::state() const {
   statistics_.write(out);
   out.value(signals_.next);
   out.value(view_.next);
-  out.value(view_.recorder ? view_.recorder->rows() : std::int64_t{0});
   if (live_) live_->write(out);
   return out.bytes();
 }
@@ -301,13 +303,12 @@ void Master::Loop::restore(const RunState& run) {
   statistics_.read(in, engine_.schedule.time(0), now());
   signals_.next = in.value<std::int64_t>();
   view_.next = in.value<std::int64_t>();
-  kept_view_rows_ = in.value<std::int64_t>();
   if (live_) live_->read(in, tick_);
   in.expect_end();
   const auto fits = [&](const Rows& rows, const std::filesystem::path& file) {
     return rows.next > tick_ && (rows.next == kNever || !file.empty());
   };
-  if (!fits(signals_, recording_) || !fits(view_, view_file_) || kept_view_rows_ < 0 ||
+  if (!fits(signals_, recording_) || !fits(view_, view_file_) || (run.view && run.view->rows < 0) ||
       run.recording.has_value() != !recording_.empty())
     in.fail("is damaged");
   engine_.check_finite(now());
@@ -471,7 +472,7 @@ std::span<Member> Master::members() { return loop_->members_; }
 std::vector<std::string> Master::warnings() const { return loop_->warnings(); }
 const std::string& Master::unsavable() const { return loop_->unsavable(); }
 void Master::save(std::function<void(RunState)> take, bool last) { loop_->save(std::move(take), last); }
-std::optional<std::uint64_t> Master::sync_recording() const { return loop_->sync_recording(); }
+bool Master::sync_recording(RunState& state) const { return loop_->sync_recording(state); }
 std::span<const Column> Master::columns() const { return loop_->columns(); }
 std::vector<robot::RobotHistory> Master::histories() const { return loop_->histories(); }
 Summary Master::summary() const { return loop_->summary(); }

@@ -30,9 +30,10 @@ namespace cotwin::master {
 /// Everything that another process needs to continue a run: states of units and events, figures of the summary, position in the
 /// recording.
 struct RunState {
-  std::uint64_t beginning = 0;              // hash of all numbers at the start time, which identifies the run
-  std::optional<Recorder::Kept> recording;  // `bytes` is known after Master::sync_recording()
-  double wall_seconds = 0;                  // so far
+  std::uint64_t beginning = 0;  // hash of all numbers at the start time, which identifies the run
+  /// Of signals.csv and view.bin. Length and hash are known after Master::sync_recording().
+  std::optional<Recorder::Kept> recording, view;
+  double wall_seconds = 0;  // so far
   std::string bytes;
 };
 
@@ -140,9 +141,9 @@ class Master {
   /// is not continued here, so that a loop need not be waited for. Call between two calls of step_tick(), and
   /// again only after `take` was called and sync_recording() has returned. Throws Error if the run cannot be saved.
   void save(std::function<void(RunState)> take, bool last = false);
-  /// Call on another thread, before finish(). Waits until the recording is on the disk up to the last save and returns its
-  /// length in bytes, or nothing if it cannot be written.
-  std::optional<std::uint64_t> sync_recording() const;
+  /// Call on another thread, before finish(). Waits until the recording is on the disk up to the last save and tells the state its
+  /// length and hash. False: it cannot be written.
+  bool sync_recording(RunState& state) const;
 
   /// Position of the run.
   Time now() const;

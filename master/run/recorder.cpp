@@ -1,10 +1,12 @@
 #include "master/run/recorder.h"
 
+#define XXH_INLINE_ALL
 #include <fcntl.h>
 #include <pthread.h>
 #include <sys/stat.h>
 #include <time.h>
 #include <unistd.h>
+#include <xxhash.h>
 
 #include <algorithm>
 #include <bit>
@@ -30,6 +32,8 @@ constexpr auto kPackedIdle = 20ms;  // the same for the few rows for pages
 constexpr auto kFlush = 20ms;       // largest age of a row in memory
 constexpr std::size_t kBuffer = std::size_t{1} << 18;  // bytes of text per write
 constexpr std::size_t kRoom = 28;                      // bytes of text for a number
+constexpr const char* kOtherBytes =
+    "what it had at the checkpoint was changed or damaged, expected the file as the interrupted run left it";
 
 /// RFC 4180.
 std::string csv_field(const std::string& name) {
@@ -55,14 +59,39 @@ char* write_time(char* to, std::int64_t ns) {
 
 }  // namespace
 
+/// XXH3 of the bytes so far.
+class Recorder::Hash {
+ public:
+  Hash() { XXH3_64bits_reset(&state_); }
+  void add(std::string_view bytes) { XXH3_64bits_update(&state_, bytes.data(), bytes.size()); }
+  std::uint64_t value() const { return XXH3_64bits_digest(&state_); }
+  /// The first bytes of a file. False: it has fewer, or cannot be read.
+  bool add_start(int descriptor, std::uint64_t bytes) {
+    std::vector<char> part(kBuffer);
+    for (std::uint64_t done = 0; done < bytes;) {
+      const std::size_t wanted = std::min<std::uint64_t>(part.size(), bytes - done);
+      const ssize_t n = ::pread(descriptor, part.data(), wanted, static_cast<off_t>(done));
+      if (n < 0 && errno == EINTR) continue;
+      if (n <= 0) return false;
+      add({part.data(), static_cast<std::size_t>(n)});
+      done += static_cast<std::uint64_t>(n);
+    }
+    return true;
+  }
+
+ private:
+  XXH3_state_t state_;
+};
+
 /// Converts rows to text and writes it, on its own thread.
 class Recorder::Writer {
  public:
-  /// `written`: present length of the file in bytes.
-  Writer(Recorder& recorder, int descriptor, std::uint64_t written, const std::vector<bool>& integral)
+  /// `written`, `hash`: present length of the file in bytes, and of what it has.
+  Writer(Recorder& recorder, int descriptor, std::uint64_t written, const Hash& hash, const std::vector<bool>& integral)
       : recorder_(recorder),
         descriptor_(descriptor),
         written_(written),
+        hash_(hash),
         integral_(integral),
         known_(std::bit_ceil(std::clamp<std::size_t>(4 * recorder.width_, 256, 65536))),
         known_shift_(64 - std::countr_zero(known_.size())),
@@ -82,6 +111,7 @@ class Recorder::Writer {
       if (tail == mark) {
         flush();
         recorder_.mark_.store(kNoMark, std::memory_order_relaxed);
+        recorder_.marked_hash_.store(hash_.value(), std::memory_order_relaxed);
         recorder_.marked_bytes_.store(written_, std::memory_order_release);
         continue;
       }
@@ -127,6 +157,7 @@ class Recorder::Writer {
       done += static_cast<std::size_t>(n);
     }
     written_ += text.size();
+    hash_.add(text);
     recorder_.in_file_ += in_buffer_;
     in_buffer_ = 0;
   }
@@ -211,6 +242,7 @@ class Recorder::Writer {
   Recorder& recorder_;
   int descriptor_;
   std::uint64_t written_;  // bytes in the file, whole rows
+  Hash hash_;              // of them
   std::vector<bool> integral_;
   std::vector<Known> known_;  // by hash: signals are often constant, and an input repeats an output
   int known_shift_;
@@ -254,12 +286,13 @@ Recorder::Recorder(std::vector<Column> columns, std::filesystem::path file, Opti
   ring_ = std::make_unique<double[]>(capacity_ * (width_ + 1));  // zeroed, so that the loop causes no page faults
   room_until_ = capacity_;
 
-  const int descriptor = open_file(heading, options.kept);
+  Hash hash;
+  const int descriptor = open_file(heading, options.kept, hash);
   if (options.kept) {
     sampled_ = in_file_ = options.kept->rows;
     dropped_ = options.kept->dropped;
   }
-  writer_ = std::make_unique<Writer>(*this, descriptor, options.kept ? options.kept->bytes : 0, integral);
+  writer_ = std::make_unique<Writer>(*this, descriptor, options.kept ? options.kept->bytes : 0, hash, integral);
   if (!options.kept) writer_->write_text(heading);
   if (failure_ != 0) throw_failure();
   const EndingSignalsBlocked blocked;
@@ -267,14 +300,14 @@ Recorder::Recorder(std::vector<Column> columns, std::filesystem::path file, Opti
   saved_.emplace(save, this, file_.string());
 }
 
-int Recorder::open_file(const std::string& heading, std::optional<Kept>& kept) {
+int Recorder::open_file(const std::string& heading, std::optional<Kept>& kept, Hash& hash) {
   make_folder(file_.parent_path());
   struct stat status {};
   const bool regular = ::stat(file_.c_str(), &status) != 0 || S_ISREG(status.st_mode);
   written_to_ = file_;
   if (regular) written_to_ += ".part";
   if (kept) {
-    const int there = packed_ ? reopen_packed(heading, *kept) : reopen_file(heading, *kept);
+    const int there = packed_ ? reopen_packed(heading, *kept, hash) : reopen_file(heading, *kept, hash);
     if (there >= 0) return there;
     kept.reset();
   }
@@ -284,7 +317,7 @@ int Recorder::open_file(const std::string& heading, std::optional<Kept>& kept) {
 }
 
 /// The recording is <file>.part after a crash, and <file> after an orderly end.
-int Recorder::reopen_file(const std::string& heading, const Kept& kept) {
+int Recorder::reopen_file(const std::string& heading, const Kept& kept, Hash& hash) {
   const auto refuse = [&](const std::string& what) { throw Error(file_.string(), "cannot be resumed: " + what); };
   int descriptor = ::open(written_to_.c_str(), O_RDWR | O_CLOEXEC);
   const bool complete = descriptor < 0 && errno == ENOENT;
@@ -302,6 +335,7 @@ int Recorder::reopen_file(const std::string& heading, const Kept& kept) {
                       ::pread(descriptor, &last, 1, static_cast<off_t>(kept.bytes) - 1) == 1;
     if (!read || there != heading) refuse("its columns are not those of the run");
     if (last != '\n') refuse("no row ends at byte " + std::to_string(kept.bytes));
+    if (!hash.add_start(descriptor, kept.bytes) || hash.value() != kept.hash) refuse(kOtherBytes);
     if (complete && ::rename(file_.c_str(), written_to_.c_str()) != 0) refuse(system_reason(errno));
     const auto end = static_cast<off_t>(kept.bytes);
     if (::ftruncate(descriptor, end) != 0 || ::lseek(descriptor, end, SEEK_SET) != end) refuse(system_reason(errno));
@@ -313,20 +347,29 @@ int Recorder::reopen_file(const std::string& heading, const Kept& kept) {
 }
 
 /// Keeps the rows of a file of view_heading() that are there, at most kept.rows, and sets `kept`; -1: the file cannot be continued.
-int Recorder::reopen_packed(const std::string& heading, Kept& kept) {
+int Recorder::reopen_packed(const std::string& heading, Kept& kept, Hash& hash) {
   int descriptor = ::open(written_to_.c_str(), O_RDWR | O_CLOEXEC);
-  if (descriptor < 0 && ::rename(file_.c_str(), written_to_.c_str()) == 0)
-    descriptor = ::open(written_to_.c_str(), O_RDWR | O_CLOEXEC);
+  const bool complete = descriptor < 0;
+  if (complete) descriptor = ::open(file_.c_str(), O_RDWR | O_CLOEXEC);
   if (descriptor < 0) return -1;
   std::string there(heading.size(), '\0');
   struct stat status {};
   if (::fstat(descriptor, &status) == 0 &&
       ::pread(descriptor, there.data(), there.size(), 0) == static_cast<ssize_t>(there.size()) && there == heading) {
     const std::size_t rows = (static_cast<std::size_t>(status.st_size) - heading.size()) / packed_row();
+    const std::uint64_t all = kept.bytes;
     kept.rows = std::min(kept.rows, static_cast<std::int64_t>(rows));
     kept.bytes = heading.size() + static_cast<std::size_t>(kept.rows) * packed_row();
+    const bool read = hash.add_start(descriptor, kept.bytes);
+    if (kept.bytes == all && (!read || hash.value() != kept.hash)) {
+      ::close(descriptor);
+      throw Error(file_.string(), std::string("cannot be resumed: ") + kOtherBytes);
+    }
     const auto end = static_cast<off_t>(kept.bytes);
-    if (::ftruncate(descriptor, end) == 0 && ::lseek(descriptor, end, SEEK_SET) == end) return descriptor;
+    if ((!complete || ::rename(file_.c_str(), written_to_.c_str()) == 0) && ::ftruncate(descriptor, end) == 0 &&
+        ::lseek(descriptor, end, SEEK_SET) == end)
+      return descriptor;
+    hash = Hash();
   }
   ::close(descriptor);
   return -1;
@@ -408,11 +451,12 @@ void Recorder::save(void* self) noexcept {
     static_cast<void>(std::rename(recorder.written_to_.c_str(), recorder.file_.c_str()));
 }
 
-std::optional<std::uint64_t> Recorder::sync_to_mark() const {
+bool Recorder::sync_to_mark(Kept& kept) const {
   for (;;) {
-    if (failure_.load(std::memory_order_acquire) != 0) return std::nullopt;
-    const std::uint64_t bytes = marked_bytes_.load(std::memory_order_acquire);
-    if (bytes != kNoMark) return writer_->sync() ? std::optional(bytes) : std::nullopt;
+    if (failure_.load(std::memory_order_acquire) != 0) return false;
+    kept.bytes = marked_bytes_.load(std::memory_order_acquire);
+    kept.hash = marked_hash_.load(std::memory_order_relaxed);
+    if (kept.bytes != kNoMark) return writer_->sync();
     std::this_thread::sleep_for(kIdle);
   }
 }

@@ -27,6 +27,7 @@ class Recorder {
   struct Kept {
     std::uint64_t bytes = 0;
     std::int64_t rows = 0, dropped = 0;
+    std::uint64_t hash = 0;  // of these bytes, XXH3
   };
   struct Options {
     bool may_wait = true;  // if the ring is full: wait for the writer; false: drop the row
@@ -40,7 +41,7 @@ class Recorder {
   };
 
   /// Opens the file and writes the heading. Throws Error if that fails, or if the recording to resume is missing, shorter than
-  /// `kept`, or has other columns.
+  /// `kept`, or has other columns or other bytes.
   Recorder(std::vector<Column> columns, std::filesystem::path file, Options options);
   ~Recorder();
   Recorder(const Recorder&) = delete;
@@ -62,9 +63,9 @@ class Recorder {
     marked_bytes_.store(kNoMark, std::memory_order_relaxed);
     mark_.store(head_.load(std::memory_order_relaxed), std::memory_order_release);
   }
-  /// Call on another thread, before close(). Waits until the rows up to the last mark() are on the disk and returns their
-  /// length in bytes, or nothing if they cannot be written.
-  std::optional<std::uint64_t> sync_to_mark() const;
+  /// Call on another thread, before close(). Waits until the rows up to the last mark() are on the disk and tells their length
+  /// in bytes and their hash. False: they cannot be written.
+  bool sync_to_mark(Kept& kept) const;
 
   const std::filesystem::path& file() const { return file_; }
   std::size_t columns() const { return width_; }
@@ -73,6 +74,7 @@ class Recorder {
   std::int64_t dropped() const { return dropped_; }
 
  private:
+  class Hash;
   class Writer;
   static constexpr std::uint64_t kNoMark = ~std::uint64_t{0};
 
@@ -86,9 +88,9 @@ class Recorder {
   template <class T>
   void add(std::span<const T> values, std::vector<Source<T>>& sources);
   void copy_row(Time now, double* row) const;
-  int open_file(const std::string& heading, std::optional<Kept>& kept);
-  int reopen_file(const std::string& heading, const Kept& kept);
-  int reopen_packed(const std::string& heading, Kept& kept);
+  int open_file(const std::string& heading, std::optional<Kept>& kept, Hash& hash);
+  int reopen_file(const std::string& heading, const Kept& kept, Hash& hash);
+  int reopen_packed(const std::string& heading, Kept& kept, Hash& hash);
   std::size_t packed_row() const { return sizeof(std::int64_t) + width_ * sizeof(float); }  // bytes
   [[noreturn]] void throw_failure();
   void end_writing();
@@ -114,6 +116,7 @@ class Recorder {
   std::atomic<int> failure_{0};                       // errno of a write that failed
   std::atomic<std::uint64_t> mark_{kNoMark};          // rows for which marked_bytes_ is requested
   std::atomic<std::uint64_t> marked_bytes_{kNoMark};  // written by the writer
+  std::atomic<std::uint64_t> marked_hash_{0};         // of these bytes
   bool holds_;
   std::uint64_t next_ = 0;        // rows sampled: head_, and those that are held back
   std::uint64_t room_until_ = 0;  // value of next_ up to which the ring has room

@@ -138,7 +138,7 @@ class Growth : public ::testing::Test {
     std::optional<RunState> state;
     master.save([&](RunState s) { state = std::move(s); });
     while (!state) ASSERT_TRUE(master.step_tick());
-    state->recording->bytes = master.sync_recording().value();
+    ASSERT_TRUE(master.sync_recording(*state));
     for (int i = 0; i < 7; ++i) master.step_tick();
     saved_ = std::move(state);
   }

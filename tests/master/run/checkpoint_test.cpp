@@ -67,7 +67,7 @@ class Saved : public ::testing::Test {
     std::optional<RunState> state;
     master.save([&](RunState s) { state = std::move(s); });
     EXPECT_TRUE(state.has_value());  // all units are Cotwin's: at once
-    if (state->recording) state->recording->bytes = master.sync_recording().value();
+    EXPECT_TRUE(master.sync_recording(*state));
     for (std::int64_t i = 0; i < lost && master.step_tick(); ++i) {
     }
     return *state;
@@ -166,6 +166,52 @@ TEST_F(Saved, RefusesTheStateOfAnotherRun) {
   EXPECT_THAT(refused(scenario, state, folder_ / "one"), HasSubstr("has 2000 bytes"));
 }
 
+TEST_F(Saved, RefusesARecordingWithOneOtherByteAndLeavesItAlone) {
+  const Scenario scenario = rich();
+  const fs::path file = folder_ / "one/signals.csv.part";
+  const RunState state = state_of_abandoned_run(scenario, folder_ / "one", 100, 7);
+  const std::string good = content(file);
+  const std::size_t kept = state.recording->bytes;
+  ASSERT_LT(kept, good.size());
+  std::mt19937_64 random(11);
+  for (int i = 0; i < 40; ++i) {
+    std::string bad = good;
+    const std::size_t at = i < 2 ? (i == 0 ? 0 : kept - 2) : random() % kept;
+    bad[at] = static_cast<char>(bad[at] ^ (1 << random() % 7));
+    write_file(file, bad);
+    EXPECT_THAT(error_of([&] { make(scenario, folder_ / "one", state).initialise(); }),
+                HasSubstr("signals.csv: cannot be resumed: "))
+        << at;
+    ASSERT_EQ(content(file), bad) << "nothing is cut off";
+  }
+  // What came after the checkpoint is written again, whatever it is.
+  std::string bad = good;
+  bad[kept] ^= 1;
+  write_file(file, bad);
+  Master resumed = make(scenario, folder_ / "one", state);
+  resumed.initialise();
+  Master straight = make(scenario, folder_ / "straight");
+  straight.initialise();
+  EXPECT_EQ(run_on(resumed, folder_ / "one").csv, run_on(straight, folder_ / "straight").csv);
+}
+
+// The hash goes on with that of the rows that are kept.
+TEST_F(Saved, HashesTheRecordingOverSeveralRuns) {
+  const Scenario scenario = rich();
+  const RunState first = state_of_abandoned_run(scenario, folder_ / "one", 300, 5);
+  Master second = make(scenario, folder_ / "one", first);
+  second.initialise();
+  while (second.tick() < 600 && second.step_tick()) {
+  }
+  std::optional<RunState> later;
+  second.save([&](RunState s) { later = std::move(s); });
+  ASSERT_TRUE(later && second.sync_recording(*later));
+  const RunState at_once = state_of_abandoned_run(scenario, folder_ / "two", 600, 0);
+  EXPECT_EQ(later->recording->bytes, at_once.recording->bytes);
+  EXPECT_EQ(later->recording->hash, at_once.recording->hash);
+  EXPECT_NE(later->recording->hash, first.recording->hash);
+}
+
 TEST_F(Saved, NamesTheUnitThatCannotBeSaved) {
   Build b;
   b.unit("h", "heavy").unit("bus", "picky?restorable=false");
@@ -253,13 +299,13 @@ TEST_F(Saved, TheWriterKeepsTheEarlierFileWhereItCannotWriteAnother) {
   options.head = checkpoint_with({});
   options.due = [&] { ++due; };
   CheckpointWriter writer(std::move(options));
-  writer.write({1, {}, 2.5, "first"});
+  writer.write({1, {}, {}, 2.5, "first"});
   writer.wait_until_idle();
   EXPECT_EQ(load_checkpoint(folder_ / "run.checkpoint").state.bytes, "first");
   EXPECT_EQ(writer.failure(), "");
   fs::remove(folder_ / "run.checkpoint");
   fs::create_directory(folder_ / "run.checkpoint");  // this cannot come from a file
-  writer.write({1, {}, 2.5, "second"});
+  writer.write({1, {}, {}, 2.5, "second"});
   writer.end();
   EXPECT_THAT(writer.failure(), HasSubstr("run.checkpoint: cannot be written: Is a directory"));
   for (const fs::directory_entry& entry : fs::directory_iterator(folder_)) EXPECT_EQ(entry.path().filename(), "run.checkpoint");

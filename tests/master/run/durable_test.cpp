@@ -202,6 +202,25 @@ TEST_F(Durable, AKilledRunGoesOnToTheSameBits) {
   EXPECT_FALSE(has("killed/signals.csv.part"));
 }
 
+TEST_F(Durable, ARecordingThatWasChangedSinceTheCheckpointIsRefused) {
+  Process child = start_and_wait_for_a_checkpoint("killed");
+  child.signal(SIGKILL);
+  EXPECT_EQ(child.wait().code, -SIGKILL);
+  for (const char* file : {"signals.csv.part", "view.bin.part"}) {
+    const fs::path changed = folder_ / "changed";
+    fs::remove_all(changed);
+    fs::copy(folder_ / "killed", changed, fs::copy_options::recursive);
+    std::string bytes = content(changed / file);
+    bytes[bytes.find('\n') + 3] ^= 1;  // in the first row
+    cotwin::write_file(changed / file, bytes);
+    const RunResult refused = run({"run", "--resume", "changed"});
+    EXPECT_EQ(refused.code, 2) << file;
+    EXPECT_THAT(refused.err, HasSubstr("cannot be resumed: what it had at the checkpoint was changed or damaged")) << file;
+    EXPECT_EQ(content(changed / file), bytes);
+  }
+  EXPECT_EQ(run({"run", "--resume", "killed"}).code, 0);
+}
+
 TEST_F(Durable, ARunThatIsKilledAgainAndAgainGoesOnToTheSameBits) {
   Process child = start_and_wait_for_a_checkpoint("killed");
   for (int times = 0; times < 5; ++times) {
@@ -276,7 +295,7 @@ TEST_F(Durable, RefusesToGoOnWithAnotherScenarioProgramOrMachine) {
   expect_refused_after([](RunCheckpoint& c) { c.build.cpu = "abacus"; }, "with the instruction set abacus");
   expect_refused_after([](RunCheckpoint& c) { c.command = "[1"; }, "its options cannot be read");
   expect_refused_after([](RunCheckpoint& c) { c.folder = "/nowhere/at/all"; }, "/nowhere/at/all");
-  cotwin::write_file(file, "CTWRUN1\nnonsense");
+  cotwin::write_file(file, "CTWRUN2\nnonsense");
   expect_refused("damaged or cut short");
   cotwin::write_file(file, to_bytes(good));
   EXPECT_THAT(run({"run", "--resume", "nowhere"}).err, HasSubstr("nowhere/run.checkpoint: cannot be read: No such file"));

@@ -1,9 +1,7 @@
 // A run of the program: a scenario or package with its results folder, checkpoints and page, or one FMU.
 #include <algorithm>
-#include <cerrno>
 #include <chrono>
 #include <cmath>
-#include <csignal>
 #include <iostream>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -239,10 +237,6 @@ int report(const RunArguments& arguments, const Summary& summary, const Outcome&
   } else {
     warnings.print(summary.warnings);
   }
-  if (!std::cout.flush()) {
-    if (errno == EPIPE) return kExitSignalled + SIGPIPE;  // the reader closed the pipe (| head)
-    throw Error("stdout", "cannot be written: " + system_reason(errno));
-  }
   if (outcome.state == Outcome::State::kFailed) return kExitRunFailed;
   return outcome.state == Outcome::State::kInterrupted ? kExitSignalled + stop_signal() : kExitDone;
 }
@@ -365,7 +359,7 @@ int run_scenario(RunArguments arguments) {
     writing.file = out / ResultsFolder::kCheckpoint;
     writing.every = std::chrono::duration<double>(arguments.checkpoint);
     writing.head = {build, hash, options_of(arguments), here.string(), {}};
-    writing.sync_recording = [&] { return master->sync_recording(); };
+    writing.sync_recording = [&](RunState& state) { return master->sync_recording(state); };
     writing.due = [] { attention |= kCheckpointDue; };
     checkpoints.emplace(*master, std::move(writing));
   }
