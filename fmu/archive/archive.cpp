@@ -19,6 +19,7 @@
 #include <utility>
 
 #include "fmu/archive/file_kind.h"
+#include "models/foundation/support/atomic_file.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/file.h"
 
@@ -251,7 +252,11 @@ void add(zip_t* zip, const fs::path& archive, const ArchiveFile& file) {
 void write_archive(const fs::path& archive, std::span<const ArchiveFile> files) {
   Archive zip = create(archive);
   for (const ArchiveFile& file : files) add(zip.get(), archive, file);
-  if (zip_close(zip.get()) != 0) throw Error(archive.string(), std::string("cannot be written: ") + zip_strerror(zip.get()));
+  if (zip_close(zip.get()) != 0) {
+    zip_error_t* const error = zip_get_error(zip.get());
+    if (zip_error_system_type(error) == ZIP_ET_SYS) fail_to_write(archive.string(), zip_error_code_system(error));
+    throw Error(archive.string(), std::string("cannot be written: ") + zip_strerror(zip.get()));
+  }
   static_cast<void>(zip.release());  // zip_close has freed it
 }
 
@@ -352,7 +357,7 @@ TemporaryFolder unpack_archive(const fs::path& archive, const ArchiveLimits& lim
     inflate(zip.get(), archive, entry,
             [&](const char* bytes, std::size_t n) { out.write(bytes, static_cast<std::streamsize>(n)); });
     out.close();
-    if (!out) throw Error(path.string(), "cannot be written: is the disk full?");
+    if (!out) throw CutOutput(path.string(), "cannot be written: is the disk full?");
     if (entry.executable) fs::permissions(path, fs::perms::owner_exec, fs::perm_options::add);
   }
   return folder;

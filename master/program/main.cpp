@@ -1,6 +1,12 @@
 // The program `cotwin`: command line and choice of the subcommand.
+#include <fcntl.h>
+#include <poll.h>
+#include <unistd.h>
+
 #include <algorithm>
 #include <cctype>
+#include <cerrno>
+#include <csignal>
 #include <cstdio>
 #include <cstdlib>
 #include <iostream>
@@ -15,6 +21,7 @@
 #include "master/program/commands/commands.h"
 #include "master/program/interrupt.h"
 #include "master/run/crash.h"
+#include "models/foundation/support/atomic_file.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
 #include "models/robot/kernels/kernels.h"
@@ -186,10 +193,35 @@ int run(int argc, char** argv) {
   }
   try {
     return chosen();
+  } catch (const cotwin::CutOutput& error) {
+    std::cerr << "cotwin: " << error.what() << '\n';
+    return kExitRunFailed;
   } catch (const std::exception& error) {
     std::cerr << "cotwin: " << error.what() << '\n';
     return kExitBadInput;
   }
+}
+
+/// A file that is opened later must not get the number of a stream that was closed at the start (>&-), and with it its output.
+void keep_numbers_of_streams() {
+  for (const int stream : {STDIN_FILENO, STDOUT_FILENO, STDERR_FILENO}) {
+    if (::fcntl(stream, F_GETFD) < 0) (void)::open("/dev/null", stream == STDIN_FILENO ? O_WRONLY : O_RDONLY);
+  }
+}
+
+/// The exit code after the output: that of a command which is done counts only if all it wrote has arrived.
+int after_output(int code) {
+  using namespace cotwin::master;
+  errno = 0;
+  std::cout.flush();
+  const bool flushed = std::fflush(stdout) == 0;
+  const int reason = errno;
+  if (flushed && std::cout.good() && std::ferror(stdout) == 0) return code;
+  pollfd out = {STDOUT_FILENO, POLLOUT, 0};
+  if (::poll(&out, 1, 0) > 0 && (out.revents & (POLLERR | POLLHUP)) != 0)  // the reader closed the pipe (| head)
+    return code == kExitDone ? kExitSignalled + SIGPIPE : code;
+  std::cerr << "cotwin: stdout: cannot be written" << (reason == 0 ? "" : ": " + cotwin::system_reason(reason)) << '\n';
+  return code == kExitDone ? kExitRunFailed : code;
 }
 
 }  // namespace
@@ -197,11 +229,11 @@ int run(int argc, char** argv) {
 int main(int argc, char** argv) {
   using namespace cotwin;
   master::catch_crashes(master::kExitRunFailed);
-  const int code = run(argc, argv);
+  keep_numbers_of_streams();
+  const int code = after_output(run(argc, argv));
   const int ended = code == master::kExitDone && fmu::unclean_ends() > 0 ? master::kExitRunFailed : code;
   master::main_ends();
   if (fmu::abandoned_libraries() == 0) return ended;
-  std::cout.flush();
   std::fflush(nullptr);
   master::end_now(ended);
 }

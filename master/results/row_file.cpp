@@ -10,6 +10,7 @@
 #include <cstring>
 #include <system_error>
 
+#include "models/foundation/support/atomic_file.h"
 #include "models/foundation/support/error.h"
 
 namespace cotwin::master {
@@ -83,7 +84,7 @@ void RowFile::close() {
 }
 
 void RowFile::fail(int error) const {
-  throw Error(file_.string(), "cannot be written: " + std::generic_category().message(error));
+  fail_to_write(file_.string(), error);
 }
 
 void RowFile::save(void* self) noexcept {

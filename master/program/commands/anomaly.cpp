@@ -39,7 +39,6 @@ int anomaly_command(const AnomalyArguments& arguments) {
     line.clear();
     if (arguments.json != "-" && !arguments.quiet) write_text(std::cout, report);
     if (arguments.json == "-") std::cout << to_json(report).dump(2) << '\n';
-    if (!std::cout.flush()) throw Error("stdout", "cannot be written");
     if (!arguments.json.empty() && arguments.json != "-") write_file(arguments.json, to_json(report).dump(2) + "\n");
     return report.something() ? kExitRunFailed : kExitDone;
   } catch (const tuning::Stopped&) {

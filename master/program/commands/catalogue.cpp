@@ -1,10 +1,11 @@
 // cotwin units, describe, reference: information about the units.
-#include <fstream>
 #include <iostream>
 #include <memory>
+#include <sstream>
 
 #include "master/program/commands/commands.h"
 #include "master/program/reference.h"
+#include "models/foundation/support/atomic_file.h"
 #include "models/foundation/support/error.h"
 
 namespace cotwin::master {
@@ -37,17 +38,16 @@ int describe_source(std::string source, bool json) {
 
 int write_reference(const fs::path& folder, const std::string& robot) {
   fs::create_directories(folder);
-  std::ofstream index(folder / "README.md");
-  index << "# Units\n\nWritten by `cotwin reference` from the units' declarations.\n\n";
+  std::string index = "# Units\n\nWritten by `cotwin reference` from the units' declarations.\n\n";
   for (const UnitType& type : units()) {
     const Described unit = describe_unit(std::string("unit:") + type.name, {{"robot", robot}});
-    const fs::path file = folder / (std::string(type.name) + ".md");
-    std::ofstream page(file);
+    std::ostringstream page;
     describe_markdown(page, type, unit, "`robot=" + robot + "`");
-    index << "- [`" << type.name << "`](" << type.name << ".md): " << type.summary << '\n';
-    if (!page.flush()) throw Error(file.string(), "cannot be written");
+    const std::string name = std::string(type.name) + ".md";
+    write_file(folder / name, page.str());
+    index += "- [`" + std::string(type.name) + "`](" + name + "): " + type.summary + '\n';
   }
-  if (!index.flush()) throw Error((folder / "README.md").string(), "cannot be written");
+  write_file(folder / "README.md", index);
   return kExitDone;
 }
 

@@ -2,8 +2,6 @@
 #include <unistd.h>
 
 #include <atomic>
-#include <cerrno>
-#include <csignal>
 #include <iostream>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -353,9 +351,6 @@ int export_runs(const FarmArguments& a) {
   Registry registry(a.file, true);
   if (a.csv.empty() || a.csv == "-") {
     registry.write(std::cout);
-    if (std::cout.flush()) return kExitDone;
-    if (errno == EPIPE) return kExitSignalled + SIGPIPE;  // the reader closed the pipe (| head)
-    throw Error("stdout", "cannot be written: " + system_reason(errno));
   } else {
     AtomicFile file(a.csv);
     registry.write(file.stream());

@@ -116,7 +116,6 @@ int tune_command(const TuneArguments& arguments, const std::vector<std::string>&
                 << " (report.md, robot.urdf, drive_train.ssv, torques.csv, figures.json)\n";
       if (result.evaluation.replay) std::cout << "the tuned twin: cotwin run " << (run.out / "twin.ssd").string() << '\n';
     }
-    if (!std::cout.flush()) throw Error("stdout", "cannot be written");
     write_report_page(run.out, arguments.quiet);
     if (!result.interrupted) {
       for (const auto* sentences : {&result.evidence, &result.verdicts})

@@ -79,8 +79,14 @@ void AtomicFile::commit() {
   done_ = true;
 }
 
-void AtomicFile::fail(int error_number) const {
-  throw Error(place_.string(), "cannot be written: " + system_reason(error_number));
+void AtomicFile::fail(int error_number) const { fail_to_write(place_.string(), error_number); }
+
+void fail_to_write(const std::string& place, int error_number) {
+  const std::string what = "cannot be written: " + system_reason(error_number);
+  for (const int cut : {ENOSPC, EDQUOT, EFBIG, EIO}) {
+    if (error_number == cut) throw CutOutput(place, what);
+  }
+  throw Error(place, what);
 }
 
 void write_file(const fs::path& place, std::string_view content) {

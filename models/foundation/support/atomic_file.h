@@ -6,10 +6,21 @@
 #include <string>
 #include <string_view>
 
+#include "models/foundation/support/error.h"
+
 namespace cotwin {
 
 /// The system's message for a failed call: "Read-only file system".
 std::string system_reason(int error_number);
+
+/// A file or a stream that is not written to its end: the disk is full, a limit is reached, the device fails.
+class CutOutput : public Error {
+ public:
+  using Error::Error;
+};
+
+/// Throws "place: cannot be written: reason": a CutOutput for such a reason, else an Error.
+[[noreturn]] void fail_to_write(const std::string& place, int error_number);
 
 /// Creates the folder and its parents. Throws Error with the system's message.
 void make_folder(const std::filesystem::path& folder);

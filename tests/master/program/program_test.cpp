@@ -141,12 +141,52 @@ TEST_F(Program, OutputThatCannotBeWrittenIsAnError) {
   if (!fs::exists("/dev/full")) GTEST_SKIP() << "needs /dev/full";
   fs::create_symlink("/dev/full", folder_ / "full.json");
   const RunResult file = run({"run", scenario(), "--stop", "0.01", "--json", "full.json"});
-  EXPECT_EQ(file.code, 2);
-  EXPECT_THAT(file.err, HasSubstr("full.json: cannot be written"));
-  const RunResult printed =
-      cotwin::testing::run_program({"run", scenario(), "--stop", "0.01"}, {.folder = folder_, .out = "/dev/full"});
-  EXPECT_EQ(printed.code, 2);
-  EXPECT_THAT(printed.err, HasSubstr("stdout: cannot be written"));
+  EXPECT_EQ(file.code, 1);
+  EXPECT_THAT(file.err, HasSubstr("full.json: cannot be written: No space left"));
+  const std::vector<std::vector<std::string>> all = {
+      {"run", scenario(), "--stop", "0.01"},
+      {"run", scenario(), "--stop", "0.01", "--json", "-"},
+      {"ask", "energy", "--robot", "planar2", "--from", "0,0", "--to", "1,1", "--detail", "all"},
+      {"ask", "--schema", "energy"},
+      {"describe", "unit:motion"},
+      {"units"},
+      {"info", scenario()},
+      {"check", scenario()},
+      {"reference", "--help"},
+      {"--help"},
+      {"--version"},
+  };
+  for (const std::vector<std::string>& command : all) {
+    const RunResult printed = cotwin::testing::run_program(command, {.folder = folder_, .out = "/dev/full"});
+    EXPECT_EQ(printed.code, 1) << command.front();
+    EXPECT_THAT(printed.err, HasSubstr("cotwin: stdout: cannot be written")) << command.front();
+  }
+  // An earlier reason counts more.
+  EXPECT_EQ(cotwin::testing::run_program({"run", "nothing.ssd"}, {.folder = folder_, .out = "/dev/full"}).code, 2);
+}
+
+TEST_F(Program, AReaderThatHasGoneIsNoErrorOfItsOwn) {
+  const auto shell = [&](const std::string& line) { return cotwin::testing::run_command({"bash", "-c", line}); };
+  const std::string cotwin = "'" + cotwin::places::program() + "'";
+  for (const char* command : {" units", " describe unit:motion", " --help", " ask --schema energy"}) {
+    const RunResult gone =
+        shell("{ trap '' PIPE; while echo x 2>/dev/null; do :; done; " + cotwin + command + "; echo $? >&2; } | true");
+    EXPECT_EQ(gone.err, "141\n") << command << ": 128 + SIGPIPE, as programs that SIGPIPE ends";
+  }
+}
+
+TEST_F(Program, AStreamThatIsClosedAtTheStartDoesNotGetTheContentOfAFile) {
+  const auto shell = [&](const std::string& line) {
+    return cotwin::testing::run_command({"bash", "-c", "cd '" + folder_.string() + "' && " + line});
+  };
+  const std::string command = "'" + cotwin::places::program() + "' run '" + scenario() + "' --stop 0.01 --overwrite --out ";
+  EXPECT_EQ(shell(command + "open").code, 0);
+  const RunResult closed = shell(command + "closed >&- <&-");
+  EXPECT_EQ(closed.code, 1);
+  EXPECT_THAT(closed.err, HasSubstr("cotwin: stdout: cannot be written: Bad file descriptor\n"));
+  EXPECT_EQ(shell(command + "silent --quiet >&- <&- 2>&-").code, 0);
+  for (const char* out : {"closed", "silent"})
+    EXPECT_EQ(content(folder_ / out / "signals.csv"), content(folder_ / "open/signals.csv")) << out;
 }
 
 TEST_F(Program, NamesWhatWasProbablyMeant) {
