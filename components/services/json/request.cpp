@@ -6,6 +6,7 @@ namespace cotwin::services {
 
 namespace {
 
+constexpr double kLargestNumber = 1e15;  // sums and products of larger numbers may overflow
 const Json kNothing = Json::object();
 
 std::string type_of(const Json& value) { return std::string("is of type ") + value.type_name(); }
@@ -43,8 +44,13 @@ void Reader::or_instead(std::initializer_list<const char*> names) {
 
 double Reader::number(const char* name, std::optional<double> other, const char* what) {
   if (describes()) declare(name, schemas::kNumber, !other, what);
-  if (const Json* value = find(name, describes() || other.has_value())) return finite(*value, pointer(name));
-  return other.value_or(0);
+  const Json* const value = find(name, describes() || other.has_value());
+  if (!value) return other.value_or(0);
+  const double x = finite(*value, pointer(name));
+  if (std::abs(x) > kLargestNumber)
+    throw RequestError(pointer(name),
+                       "is " + Json(x).dump() + ", expected a magnitude of at most " + Json(kLargestNumber).dump());
+  return x;
 }
 
 double Reader::positive(const char* name, std::optional<double> other, const char* what) {
@@ -70,7 +76,9 @@ double Reader::share(const char* name, double other) {
 
 double Reader::duration(const char* name, double other, const char* what) {
   if (describes()) declare(name, {{"type", "number"}, {"minimum", kBriefest}, {"maximum", kLongest}}, false, what);
-  const double T = positive(name, other);
+  const Json* const value = find(name, true);
+  const bool long_one = value && value->is_number() && value->get<double>() > kLongest;
+  const double T = long_one ? value->get<double>() : positive(name, other);
   if (any(name) && (T < kBriefest || T > kLongest))
     throw RequestError(pointer(name), "is " + Json(T).dump() + ", expected 0.0001 to 10000 s");
   return T;

@@ -75,6 +75,7 @@ void add_anomaly(CLI::App& app, Chosen& chosen) {
       ->add_option("--baseline", s.watch.baseline,
                    "Seconds of motion at the beginning with which the rest is compared, at most 45 % of all")
       ->check(CLI::Range(5.0, 1e5))
+      ->check(kNumber)
       ->capture_default_str()
       ->type_name("SECONDS");
   command

@@ -1,5 +1,7 @@
 #pragma once
 #include <CLI/CLI.hpp>
+#include <cmath>
+#include <cstdlib>
 #include <filesystem>
 #include <functional>
 #include <optional>
@@ -44,13 +46,22 @@ void add_plot(CLI::App& app, Chosen& chosen);
 void add_manual(CLI::App& app, Chosen& chosen);
 void add_completion(CLI::App& app, Chosen& chosen);
 
+/// Refuses nan, which the ranges of CLI11 let pass because comparisons with it are false.
+inline const CLI::Validator kNumber(
+    [](std::string& text) {
+      char* end = nullptr;
+      return std::isnan(std::strtod(text.c_str(), &end)) ? "is " + text + ", expected a number" : std::string();
+    },
+    "");
+
 /// What of `cotwin run` another command can choose.
 struct ScenarioRun {
   std::filesystem::path file, out;
   std::vector<std::string> set, record;
   std::optional<double> stop{};  // s
   std::string view{};            // --view: a port, or "true" for any; empty: not given
-  bool quiet = false;
+  bool quiet = false, overwrite = false;
+  bool resumable = true;               // checkpoints are written
   bool plain = false;                  // gateways of the scenario show no page of the run
   std::function<void()> started = {};  // called when the first tick is about to begin
 };

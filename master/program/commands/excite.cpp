@@ -273,6 +273,7 @@ void add_excite(CLI::App& app, Chosen& chosen) {
   command
       ->add_option("--floor", a.floor,
                    "Height of a floor in the scene, below the robot's base, that the motion keeps clear of, m")
+      ->check(kNumber)
       ->type_name("Z");
   command->add_option("--base", a.base, "Where the robot's base is in the scene, m and rad (default: at its origin)")
       ->type_name("'X Y Z [ROLL PITCH YAW]'");

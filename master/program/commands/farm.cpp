@@ -425,8 +425,12 @@ void add_farm(CLI::App& app, Chosen& chosen) {
         "WHAT");
   texts("--success", all->success,
         "Condition of success, e.g. 'peak world.force<30', or of a variable at the end; may be repeated", "CONDITION");
-  farm->add_option("--stop,--stop-time", all->stop, "Stop time in seconds; replaces that of the file")->type_name("SECONDS");
-  farm->add_option("--limit", all->limit, "Wall time at which a run ends as failed (default: 600)")->type_name("SECONDS");
+  farm->add_option("--stop,--stop-time", all->stop, "Stop time in seconds; replaces that of the file")
+      ->check(kNumber)
+      ->type_name("SECONDS");
+  farm->add_option("--limit", all->limit, "Wall time at which a run ends as failed (default: 600)")
+      ->check(kNumber)
+      ->type_name("SECONDS");
   farm->add_option("--out", all->out, "Folder of the study (default: results/<study>.farm)")->type_name("FOLDER");
   farm->add_flag("--dry-run", all->dry_run, "Tell runs, time, disk and memory, from at most three runs");
   add_common(farm);

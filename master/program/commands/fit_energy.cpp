@@ -164,6 +164,7 @@ void add_fit_energy(CLI::App& app, Chosen& chosen) {
   command
       ->add_option("--train-before", all->train_before,
                    "Also fit to samples before this time (of each recording) and test on later motions")
+      ->check(kNumber)
       ->type_name("SECONDS");
   command
       ->add_option("-o,--out", all->out, "Write the parameters of unit:energy (SSV), e.g. energy.ssv beside the robot's URDF")

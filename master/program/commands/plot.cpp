@@ -170,8 +170,8 @@ void add_plot(CLI::App& app, Chosen& chosen) {
       ->required();
   command->add_option("-o,--out", all->out, "Picture, .svg, .png or .pdf (default: plot.svg beside the recording)")
       ->type_name("FILE");
-  command->add_option("--from", all->from, "First time in seconds")->type_name("SECONDS");
-  command->add_option("--to", all->to, "Last time in seconds")->type_name("SECONDS");
+  command->add_option("--from", all->from, "First time in seconds")->check(kNumber)->type_name("SECONDS");
+  command->add_option("--to", all->to, "Last time in seconds")->check(kNumber)->type_name("SECONDS");
   all->time.add_to(*command);
   command->add_option("--title", all->title, "Title (default: RESULTS)")->type_name("TEXT");
   command->add_option("--width", all->width, "Width in pixels")

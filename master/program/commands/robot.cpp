@@ -168,6 +168,7 @@ void add_robot(CLI::App& app, Chosen& chosen) {
                     "After an end of commanding for a reason (lost commands, limits …), do not begin it again");
   command->add_option("--seconds", a.seconds, "Duration (default: until Ctrl-C)")
       ->check(CLI::PositiveNumber)
+      ->check(kNumber)
       ->type_name("SECONDS");
   command
       ->add_option("--set", a.set,

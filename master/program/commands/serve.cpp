@@ -3,6 +3,7 @@
 #include <fstream>
 #include <iostream>
 #include <memory>
+#include <nlohmann/json.hpp>
 
 #include "components/services/robots.h"
 #include "master/program/commands/commands.h"
@@ -89,6 +90,13 @@ std::string names_of(const ServeArguments& a) {
   return text::joined(names);
 }
 
+/// Whether the results in a folder are those of an earlier `cotwin serve`, of which nobody needs them.
+bool served_before(const fs::path& folder, const fs::path& scenario) {
+  std::ifstream in(folder / "run.json");
+  const auto record = nlohmann::json::parse(in, nullptr, false);
+  return record.is_object() && record.value("/scenario/file"_json_pointer, "") == fs::absolute(scenario).string();
+}
+
 int serve(const ServeArguments& a) {
   if (a.no_jobs && a.database) throw Error("--database", "given with --no-jobs, expected one of the two");
   const std::vector<fs::path> folders = robot_folders(a);
@@ -101,6 +109,8 @@ int serve(const ServeArguments& a) {
   run.stop = a.seconds;
   run.quiet = true;
   run.plain = true;
+  run.resumable = false;
+  run.overwrite = served_before(a.out, run.file);
   const auto set = [&](const std::string& name, const std::string& value) {
     run.set.push_back("gateway." + name + "=" + value);
   };
@@ -120,7 +130,10 @@ int serve(const ServeArguments& a) {
   set("commands", a.commands ? "true" : "false");
   set("local_writes", a.local_writes);
   set("url_file", url_file.string());
-  run.set.insert(run.set.end(), a.set.begin(), a.set.end());
+  for (const std::string& one : a.set) {
+    const std::string name = one.substr(0, one.find('='));
+    run.set.push_back(name.find('.') == std::string::npos ? "gateway." + one : one);
+  }
   run.started = [&] {
     std::ifstream in(url_file);
     std::string url;
@@ -130,7 +143,12 @@ int serve(const ServeArguments& a) {
     if (a.address != "localhost")
       std::cout << "clients may call it by the names " << names_of(a) << "; --host adds names" << std::endl;
   };
-  return run_scenario(run);
+  const int code = run_scenario(run);
+  if (code > kExitSignalled && !a.no_jobs)
+    std::cerr << "cotwin: jobs go on at the next cotwin serve"
+              << (a.out == ServeArguments{}.out || a.database ? "" : " --out " + a.out.string())
+              << (a.database ? " --database " + a.database->string() : "") << '\n';
+  return code;
 }
 
 }  // namespace
@@ -203,8 +221,10 @@ void add_serve(CLI::App& app, Chosen& chosen) {
       ->type_name("FOLDER");
   command->add_option("--seconds", a.seconds, "Duration (default: until Ctrl-C)")
       ->check(CLI::PositiveNumber)
+      ->check(kNumber)
       ->type_name("SECONDS");
-  command->add_option("--set", a.set, "As in cotwin run, for the component gateway; may be repeated")
+  command
+      ->add_option("--set", a.set, "As in cotwin run, for the component gateway, whose name may be left out; may be repeated")
       ->type_name("NAME=VALUE")
       ->allow_extra_args(false);
   command->add_option("--out", a.out, "Folder for url.txt, jobs and the record of the run")

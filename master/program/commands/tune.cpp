@@ -215,7 +215,8 @@ void add_tune(CLI::App& app, Chosen& chosen) {
          ->add_option(
              "--checkpoint", a.checkpoint,
              "Seconds between two writes of resume.json, from which a killed tuning can be resumed; 0: none during the search")
-         ->check(CLI::NonNegativeNumber),
+         ->check(CLI::NonNegativeNumber)
+         ->check(kNumber),
      "SECONDS")
       ->capture_default_str();
   in(search, command->add_option("--resume", a.resume, "Resume the stopped tuning in FOLDER"), "FOLDER");

@@ -56,6 +56,8 @@ urdf::ModelInterfaceSharedPtr parse_with_urdfdom(const UrdfDocument& document) {
   return model;
 }
 
+constexpr double kLeastRoom = 1e-9;  // of a limit, rad, rad/s, N·m …: shares of less overflow
+
 /// Converts a limit of the cleaned text.
 double or_infinity(double limit) {
   return std::abs(limit) >= kNoLimit ? std::copysign(std::numeric_limits<double>::infinity(), limit) : limit;
@@ -162,6 +164,18 @@ void Builder::read_limits(Joint& to, const urdf::Joint& joint, const std::string
     if (to.q_min == to.q_max)
       warn(place + ": lower and upper limit are both " + text::to_text(to.q_min) + "; the joint cannot move");
   }
+  const UrdfDocument::Joint& written = document_.joints.at(joint.name);
+  const auto expect_room = [&](double room, const char* what) {
+    if (room > 0 && room < kLeastRoom)
+      complain(document_.at(written.limit_line) + ": joint '" + joint.name + "'",
+               std::string(what) + " of <limit> is " + text::to_text(room) + ", with which nothing can be computed, expected " +
+                   text::to_text(kLeastRoom) + " or more, or 0");
+  };
+  expect_room(to.q_max - to.q_min, "the way from lower to upper");
+  expect_room(limits.velocity, "velocity");
+  expect_room(limits.effort, "effort");
+  expect_room(written.acceleration, "acceleration");
+  expect_room(written.jerk, "jerk");
   const auto limit_of = [&](double value, const char* what) {  // 0 means "unknown" in many files
     if (value > 0) return or_infinity(value);
     if (followings_.count(joint.name) == 0)
@@ -169,7 +183,6 @@ void Builder::read_limits(Joint& to, const urdf::Joint& joint, const std::string
     return std::numeric_limits<double>::infinity();
   };
   to.dq_max = limit_of(joint.limits->velocity, "velocity");
-  const UrdfDocument::Joint& written = document_.joints.at(joint.name);
   if (written.acceleration > 0) to.ddq_max = written.acceleration;
   if (written.jerk > 0) to.dddq_max = written.jerk;
   to.tau_max = limit_of(joint.limits->effort, "effort");

@@ -736,6 +736,10 @@ TEST(ServiceRequests, AreRefusedWithAPointerAndNeverCrash) {
   expect({{"cost", "power"}}, "/cost: is 'power', expected one of", "optimise");
   expect({{"cost", {{{"name", "jerk"}}, {{"name", "time"}}, {{"name", "jerk"}}}}}, "/cost/2/name: is 'jerk' again", "optimise");
   expect({{"from_q_deg", {0, 0, 0, 0, 0, 0, 0}}}, "expected one of them");
+  for (const char* member : {"price_per_kWh", "co2_kg_per_kWh"})
+    expect({{member, 1e308}}, "is 1e+308, expected a magnitude of at most 1e+15", "energy");
+  expect({{"cycle_s", 1e308}}, "/cycle_s: is 1e+308, expected", "energy");
+  expect({{"T_process_s", -1e16}}, "/T_process_s: is -1e+16, expected a magnitude of at most 1e+15", "cycle_time");
   expect({{"T_s", 0}}, "/T_s");
   expect({{"T_s", -1}}, "/T_s");
   expect({{"T_s", 1e300}}, "/T_s");

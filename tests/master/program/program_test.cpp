@@ -189,6 +189,34 @@ TEST_F(Program, AStreamThatIsClosedAtTheStartDoesNotGetTheContentOfAFile) {
     EXPECT_EQ(content(folder_ / out / "signals.csv"), content(folder_ / "open/signals.csv")) << out;
 }
 
+// The ranges of the command line's library let it pass.
+TEST_F(Program, TakesNoOptionThatIsNotANumber) {
+  const std::vector<std::vector<std::string>> all = {
+      {"run", scenario(), "--checkpoint"},
+      {"tune", "log.csv", "--checkpoint"},
+      {"anomaly", "log.csv", "--baseline"},
+      {"excite", "--robot", "planar2", "--floor"},
+      {"plot", "run", "motion.q_d", "--from"},
+      {"plot", "run", "motion.q_d", "--to"},
+      {"fit-energy", "log.csv", "--train-before"},
+      {"farm", scenario(), "--stop"},
+      {"farm", scenario(), "--limit"},
+      {"serve", "--seconds"},
+      {"robot", "--seconds"},
+  };
+  for (std::vector<std::string> command : all) {
+    const std::string option = command.back();
+    for (const char* value : {"nan", "NaN", "+nan"}) {
+      command.push_back(value);
+      const RunResult refused = run(command);
+      EXPECT_EQ(refused.code, 2) << command.front() << option;
+      EXPECT_THAT(refused.err, HasSubstr(option)) << command.front();
+      EXPECT_THAT(refused.err, HasSubstr(std::string("is ") + value + ", expected a number")) << command.front();
+      command.pop_back();
+    }
+  }
+}
+
 TEST_F(Program, NamesWhatWasProbablyMeant) {
   EXPECT_THAT(run({"rnu", scenario()}).err, HasSubstr("'rnu' is not a command, expected run, pack"));
   EXPECT_THAT(run({"rnu", scenario()}).err, HasSubstr("did you mean run?"));

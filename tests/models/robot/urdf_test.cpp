@@ -386,6 +386,17 @@ TEST(Urdf, ErrorsNameFileLineElementAndExpectation) {
             "arm.urdf:4: joint 'turn': lower limit 3, upper limit 2, expected a range");
   EXPECT_EQ(refusal_of(arm_but("velocity=\"3\"", "velocity=\"-3\"")),
             "arm.urdf:4: joint 'turn': velocity of <limit> is negative");
+  // Shares of such limits overflow.
+  EXPECT_EQ(refusal_of(arm_but("velocity=\"3\"", "velocity=\"1e-320\"")),
+            "arm.urdf:4: joint 'turn': velocity of <limit> is 1e-320, with which nothing can be computed, expected 1e-09 or "
+            "more, or 0");
+  EXPECT_THAT(refusal_of(arm_but("effort=\"4\"", "effort=\"9e-10\"")), HasSubstr("effort of <limit> is 9e-10"));
+  EXPECT_THAT(refusal_of(arm_but("velocity=\"3\"", "velocity=\"3\" acceleration=\"1e-12\"")),
+              HasSubstr("acceleration of <limit>"));
+  EXPECT_THAT(refusal_of(arm_but("velocity=\"3\"", "velocity=\"3\" jerk=\"1e-320\"")), HasSubstr("jerk of <limit>"));
+  EXPECT_THAT(refusal_of(arm_but("lower=\"-1\" upper=\"2\"", "lower=\"0\" upper=\"1e-320\"")),
+              HasSubstr("the way from lower to upper of <limit> is 1e-320"));
+  EXPECT_EQ(refusal_of(arm_but("velocity=\"3\"", "velocity=\"1e-9\"")), "no error");
   EXPECT_THAT(refusal_of(arm_but("velocity=\"3\"", "velocity=\"3\" velocity=\"4\"")),
               StartsWith("arm.urdf:4: not well-formed XML: "));
   EXPECT_EQ(refusal_of(arm_but("<parent link=\"base\"/>", "")), "arm.urdf:4: joint 'turn': <joint> without <parent>");

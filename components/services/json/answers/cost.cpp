@@ -26,7 +26,7 @@ double sum(const std::vector<double>& x) { return std::accumulate(x.begin(), x.e
 EnergyOptions read_energy_options(Reader& r) {
   EnergyOptions o;
   o.bus = read_bus(r, "DC link: shared, split (none), or regenerating (grid)");
-  o.cycle = r.positive("cycle_s", 0, "time for the move and the wait after it");
+  o.cycle = r.duration("cycle_s", 0, "time for the move and the wait after it");
   for (auto [name, rate] : {std::pair{"price_per_kWh", &o.price_per_kWh}, {"co2_kg_per_kWh", &o.co2_per_kWh}})
     if (r.has(name)) *rate = r.not_negative(name, 0);
   o.best = r.boolean("best", false, "also the duration of least energy");

@@ -76,6 +76,7 @@ void add_run(CLI::App& app, Chosen& chosen) {
                    "Seconds of wall time between two checkpoints, from which an interrupted run can be resumed; 0: none")
       ->capture_default_str()
       ->check(CLI::NonNegativeNumber)
+      ->check(kNumber)
       ->type_name("SECONDS");
   run_command
       ->add_option("--resume", arguments.resume,

@@ -446,6 +446,8 @@ int run_scenario(const ScenarioRun& run) {
   arguments.stop = run.stop;
   arguments.view = run.view;
   arguments.quiet = run.quiet;
+  arguments.overwrite = run.overwrite;
+  if (!run.resumable) arguments.checkpoint = 0;
   arguments.started = run.started;
   arguments.plain = run.plain;
   return run_scenario(std::move(arguments));
