@@ -35,6 +35,15 @@ file(CONFIGURE OUTPUT ${copyright} CONTENT "${text}" @ONLY)
 install(FILES ${copyright} DESTINATION share/doc/cotwin COMPONENT cotwin)
 install(FILES ${copyright} DESTINATION share/doc/cotwin-dev COMPONENT cotwin-dev)
 
+# The bill of materials, CycloneDX.
+find_package(Python3 COMPONENTS Interpreter QUIET)
+if(Python3_Interpreter_FOUND)
+  set(bill ${CMAKE_BINARY_DIR}/generated/cotwin.cdx.json)
+  execute_process(COMMAND ${Python3_EXECUTABLE} ${PROJECT_SOURCE_DIR}/scripts/sbom.py ${PROJECT_VERSION} ${bill} COMMAND_ERROR_IS_FATAL ANY)
+  install(FILES ${bill} DESTINATION share/doc/cotwin COMPONENT cotwin)
+  install(FILES ${bill} DESTINATION share/doc/cotwin-dev COMPONENT cotwin-dev)
+endif()
+
 # find_package(cotwin): the shared library with the public API, and the static libraries that a unit from outside is built with.
 get_property(libraries GLOBAL PROPERTY COTWIN_LIBRARIES_FOR_UNITS)
 install(TARGETS cotwin_settings ${libraries} cotwin_fmu_export cotwin_fmu_unload EXPORT cotwin-units
@@ -84,7 +93,7 @@ if(TARGET cotwin_python)
   find_package(Python3 COMPONENTS Interpreter QUIET)
   math(EXPR next_python "${Python3_VERSION_MINOR} + 1")
   list(APPEND CPACK_COMPONENTS_ALL cotwin-python)
-  install(FILES ${copyright} DESTINATION share/doc/python3-cotwin COMPONENT cotwin-python)
+  install(FILES ${copyright} ${bill} DESTINATION share/doc/python3-cotwin COMPONENT cotwin-python)
   set(CPACK_DEBIAN_COTWIN-PYTHON_PACKAGE_NAME python3-cotwin)
   set(CPACK_DEBIAN_COTWIN-PYTHON_PACKAGE_SECTION python)
   set(CPACK_DEBIAN_COTWIN-PYTHON_PACKAGE_DEPENDS "cotwin (= ${PROJECT_VERSION}), python3 (>= ${Python3_VERSION_MAJOR}.${Python3_VERSION_MINOR}), python3 (<< ${Python3_VERSION_MAJOR}.${next_python}), python3-numpy")
