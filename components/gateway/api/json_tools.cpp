@@ -1,6 +1,7 @@
 #include "components/gateway/api/json_tools.h"
 
 #include <algorithm>
+#include <mutex>
 
 #include "components/services/json/control/control.h"
 #include "components/services/json/json.h"
@@ -25,6 +26,10 @@ http::Refusal refusal(int status, std::string detail, std::string pointer) {
 }
 
 Json object_of(const std::string& body) {
+  // One long body at a time: many of them leave the processors to others.
+  static std::mutex mutex;
+  std::unique_lock lock(mutex, std::defer_lock);
+  if (body.size() > http::kLongBody) lock.lock();
   try {
     return services::parse_object(body, services::kMostBodyValues);
   } catch (const services::RequestError& error) {

@@ -290,10 +290,11 @@ void add_service_routes(http::Router& router, services::Robots& robots, const st
   } else {
     ask.answers.push_back(http::problem_answer(501, "The service is answered by jobs, and this gateway has none"));
   }
-  const auto answer = [&robots, board, fill](const Request& request, Json object, const http::Reply& reply) {
+  const auto answer = [&robots, board, fill](const Request& request, const std::function<Json()>& read,
+                                             const http::Reply& reply) {
+    Json object = read();
     const std::string* const prefer = request.field("Prefer");
     const bool promised = prefer != nullptr && http::preference(*prefer, "respond-async").has_value();
-    std::string asked = object.dump();
     if (fill) fill(object);
     const bool takes_long = is_long(object);
     if (!board && takes_long)
@@ -308,7 +309,7 @@ void add_service_routes(http::Router& router, services::Robots& robots, const st
         throw refused;
       }
       expect_answerable(robots, object);
-      return answer_by_job(board, request, object, std::move(asked), promised, http::audited(request, reply));
+      return answer_by_job(board, request, object, read().dump(), promised, http::audited(request, reply));
     }
     reply(answer_now(robots, object));
   };
@@ -320,10 +321,13 @@ void add_service_routes(http::Router& router, services::Robots& robots, const st
   control_route.answers[0].schema = "OrderReply";
   control_route.parameters.erase(control_route.parameters.begin());
   router.add_later(control_route, [answer](const Request& request, const http::Reply& reply) {
-    answer(request, object_of(request.body), reply);
+    answer(
+        request, [&] { return object_of(request.body); }, reply);
   });
   router.add_later(ask, [answer](const Request& request, const http::Reply& reply) {
-    answer(request, with_service(request, service_of(request.part("name"))), reply);
+    const ServiceInfo& service = service_of(request.part("name"));
+    answer(
+        request, [&] { return with_service(request, service); }, reply);
   });
 }
 

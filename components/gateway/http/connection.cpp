@@ -11,6 +11,7 @@ namespace cotwin::gateway::http {
 namespace {
 
 constexpr std::size_t kRead = 4096, kLongestTarget = 4096;
+constexpr std::uint64_t kBodyRead = 48 << 10;  // bytes of a body at a time
 constexpr std::size_t kMostDrained = 1 << 20;  // bytes that are read after a refusal, so that the client sees it
 constexpr double kDrain = 2;                   // s
 constexpr unsigned char kTlsHandshake = 0x16;
@@ -135,6 +136,9 @@ void Connection::read_body() {
     keep_ = false;
     return dispatch();
   }
+  // Beast reads what the buffer has room for: long bodies in few calls, which all connections wait for.
+  buffer_.reserve(buffer_.size() + static_cast<std::size_t>(
+                                       std::min<std::uint64_t>(parser_->content_length_remaining().value_or(0), kBodyRead)));
   bhttp::async_read(stream_, buffer_, *parser_, [self = shared_from_this()](const ErrorCode& error, std::size_t) {
     if (error && (error == bhttp::error::partial_message || error.category() == asio::error::get_system_category()) &&
         !self->late_)
@@ -159,6 +163,8 @@ void Connection::dispatch() {
   if (request_->bearer) holder = request_->owner;
   if (const auto problem = server_.deny_place(*this)) return refuse(to_response(*problem, {{"Retry-After", "1"}}));
   idle_since.reset();
+  if (request_->owner.starts_with(kLocalOwner) && request_->body.size() > kLongBody)
+    request_->owner = "long bodies of local programs";
   const auto pending = std::make_shared<Pending>();
   pending->loop = server_.loop;
   pending->connection = weak_from_this();

@@ -15,6 +15,9 @@ namespace cotwin::gateway::http {
 
 namespace bhttp = beast::http;
 
+inline constexpr const char* kLocalOwner =
+    "connection ";  // and its number, of requests without a token at the loopback address
+
 /// A response that only says what is wrong.
 inline Response refusal(int status, std::string detail, std::vector<Field> fields = {}) {
   return to_response({status, std::move(detail), "", ""}, std::move(fields));

@@ -21,6 +21,9 @@ struct Field {
   std::string name, value;
 };
 
+/// Bytes. Bodies of more are not read side by side, so that many of them leave processors and threads to others.
+inline constexpr std::size_t kLongBody = 16 << 10;
+
 struct Request {
   std::string method;                                        // "GET"
   std::string path;                                          // as sent, without the query

@@ -11,6 +11,7 @@
 #include "components/gateway/access/certificate.h"
 #include "components/gateway/access/local_user.h"
 #include "components/gateway/http/audited.h"
+#include "components/gateway/http/connection.h"
 #include "components/gateway/http/server_impl.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
@@ -322,7 +323,7 @@ void Server::Impl::admit(tcp::socket socket) {
   }
   if (!problem) {
     // At the loopback address all programs of this machine have the same one.
-    std::string owner = from.address().is_loopback() ? "connection " + std::to_string(number) : "address " + address;
+    std::string owner = from.address().is_loopback() ? kLocalOwner + std::to_string(number) : "address " + address;
     return serve(*this, std::move(socket), address, std::move(owner));
   }
   // Without TLS the client could not read it, and a handshake costs more than the refusal saves.

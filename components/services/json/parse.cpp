@@ -25,15 +25,25 @@ class Builder final : public nlohmann::json_sax<Json> {
   bool binary(binary_t&) override { return false; }  // not in texts
   bool start_object(std::size_t) override { return open(Json::object()); }
   bool start_array(std::size_t) override { return open(Json::array()); }
-  bool end_object() override { return close(); }
-  bool end_array() override { return close(); }
+  bool end_object() override {
+    names_.clear();
+    for (const auto& [name, value] : levels_.back()->get_ref<const Json::object_t&>()) names_.push_back(name);
+    std::ranges::sort(names_);
+    if (const auto twice = std::ranges::adjacent_find(names_); twice != names_.end())
+      fail(pointer(levels_.size() - 1),
+           "has the member '" + start_of(std::string(*twice), kLongestQuote) + "' twice, expected it once");
+    levels_.pop_back();
+    return true;
+  }
+  bool end_array() override {
+    levels_.pop_back();
+    return true;
+  }
   bool key(string_t& name) override {
-    Level& level = levels_.back();
-    if (level.names.size() == kMostMembers)
+    auto& members = levels_.back()->get_ref<Json::object_t&>();
+    if (members.size() == kMostMembers)
       fail(pointer(levels_.size() - 1), "has more than " + std::to_string(kMostMembers) + " members, expected fewer");
-    if (!level.names.insert(name).second)
-      fail(pointer(levels_.size() - 1), "has the member '" + start_of(name, kLongestQuote) + "' twice, expected it once");
-    level.value->get_ref<Json::object_t&>().emplace_back(name, nullptr);
+    members.emplace_back(std::move(name), nullptr);
     return true;
   }
   bool parse_error(std::size_t, const std::string&, const nlohmann::detail::exception& error) override {
@@ -43,18 +53,13 @@ class Builder final : public nlohmann::json_sax<Json> {
   Json take() { return std::move(root_); }
 
  private:
-  struct Level {
-    Json* value;  // an array or object that is open: the last value of the one around it, which therefore stays in place
-    std::set<std::string> names;  // of an object
-  };
-
   [[noreturn]] static void fail(const std::string& pointer, const std::string& detail) { throw RequestError(pointer, detail); }
 
   /// Of the value that the first `depth` levels have at last, or of one around it where that has a long name.
   std::string pointer(std::size_t depth) const {
     std::string all;
     for (std::size_t k = 0; k < depth; ++k) {
-      const Json& value = *levels_[k].value;
+      const Json& value = *levels_[k];
       const std::string part = "/" + (value.is_array() ? std::to_string(value.size() - 1)
                                                        : pointer_part(value.get_ref<const Json::object_t&>().back().first));
       if (all.size() + part.size() > kLongestPointer) break;
@@ -67,7 +72,7 @@ class Builder final : public nlohmann::json_sax<Json> {
     Json* at = &root_;
     if (levels_.empty()) {
       root_ = std::move(value);
-    } else if (Json& around = *levels_.back().value; around.is_array()) {
+    } else if (Json& around = *levels_.back(); around.is_array()) {
       around.push_back(std::move(value));
       at = &around.back();
     } else {
@@ -85,18 +90,15 @@ class Builder final : public nlohmann::json_sax<Json> {
     Json* const at = place(std::move(value));
     if (levels_.size() == kDeepest)
       fail(pointer(levels_.size()), "is nested deeper than " + std::to_string(kDeepest) + ", expected less");
-    levels_.push_back({at, {}});
-    return true;
-  }
-  bool close() {
-    levels_.pop_back();
+    levels_.push_back(at);
     return true;
   }
 
   const std::size_t most_values_;
   std::size_t values_ = 0;
   Json root_;
-  std::vector<Level> levels_;
+  std::vector<Json*> levels_;  // the arrays and objects that are open, each the last value of the one before: it stays in place
+  std::vector<std::string_view> names_;  // of an object that ends
 };
 
 }  // namespace

@@ -176,6 +176,16 @@ struct Subject {
       ++finished;
       return Response{};
     });
+    Route post;
+    post.method = "POST";
+    post.pattern = "/long";
+    post.takes = "Anything";
+    post.slow = true;
+    router.add_schema("Anything", "{}");
+    router.add(post, [this](const Request&) {
+      barrier.pass();
+      return Response{};
+    });
     slow("/short", [](const Request&) {
       Response response;
       response.body = "{}";
@@ -240,6 +250,21 @@ TEST(GatewayFairness, LongRequestsOfOneClientDoNotDelayShortOnesOfOthers) {
   ASSERT_TRUE(within_patience([&] { return subject.barrier.waiting() == 3; }));
   for (int i = 0; i < 20; ++i) EXPECT_EQ(http_call(subject.port(), "GET", "/short").status, 200);
   EXPECT_EQ(subject.finished, 0);
+}
+
+// Each connection of a local program has a share of its own, but long bodies have one together: many of them leave threads to others.
+TEST(GatewayFairness, LongBodiesOfLocalProgramsDoNotTakeAllThreads) {
+  Subject subject;
+  std::vector<std::unique_ptr<RawClient>> greedy;
+  for (int i = 0; i < 20; ++i) {
+    greedy.push_back(std::make_unique<RawClient>(subject.port()));
+    greedy.back()->send(http_request("POST", "/long", "\"" + std::string(kLongBody, 'x') + "\""));
+  }
+  ASSERT_TRUE(within_patience([&] { return subject.barrier.waiting() >= 1; }));
+  for (int i = 0; i < 20; ++i) EXPECT_EQ(http_call(subject.port(), "GET", "/short").status, 200);
+  EXPECT_LE(subject.barrier.waiting(), 7) << "the thread, and 6 more for those who have waited";
+  subject.barrier.open();
+  for (const auto& client : greedy) EXPECT_EQ(client->reply().status, 200);
 }
 
 TEST(GatewayFairness, AClientWithATokenIsOneOwnerOverAllItsConnections) {
