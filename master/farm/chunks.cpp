@@ -29,7 +29,7 @@ constexpr int kMostNumber = std::numeric_limits<int>::max();
 constexpr std::size_t kMostRanges = 10;
 constexpr std::chrono::seconds kPartLength{60};
 constexpr std::size_t kAnyValues = ~std::size_t{0};  // the size of its files follows from the study
-constexpr std::size_t kPartRows = 100'000;  // some 25 MB with ten figures each
+constexpr std::size_t kPartRows = 100'000;           // some 25 MB with ten figures each
 
 std::string as_text(const Json& json) { return json.dump(-1, ' ', false, Json::error_handler_t::replace); }
 

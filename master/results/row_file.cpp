@@ -83,9 +83,7 @@ void RowFile::close() {
   if (written_to_ != file_ && ::rename(written_to_.c_str(), file_.c_str()) != 0) fail(errno);
 }
 
-void RowFile::fail(int error) const {
-  fail_to_write(file_.string(), error);
-}
+void RowFile::fail(int error) const { fail_to_write(file_.string(), error); }
 
 void RowFile::save(void* self) noexcept {
   RowFile& file = *static_cast<RowFile*>(self);

@@ -6,6 +6,7 @@
 #include "components/gateway/api/catalogue.h"
 #include "components/gateway/api/job_board.h"
 #include "components/gateway/jobs/canonical.h"
+#include "components/services/json/json.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
 
@@ -109,7 +110,7 @@ JobOrder order_of(const Json& j, const Fill& fill) {
     throw refusal(422, "has no parameter Request, expected {\"ID\": \"Request\", \"Value\": {\"service\": …}}",
                   "/JobOrderParameters");
   if (j.contains("WorkMasterID")) {
-    const Json request = Json::parse(order.request);
+    const Json request = services::parse_json(order.request);
     const Json& masters = j["WorkMasterID"];
     const bool one = masters.is_array() && masters.size() == 1 && masters[0].is_object() && masters[0].contains("ID");
     if (!one || masters[0]["ID"] != request.value("service", kChain))

@@ -137,8 +137,8 @@ void Connection::read_body() {
     return dispatch();
   }
   // Beast reads what the buffer has room for: long bodies in few calls, which all connections wait for.
-  buffer_.reserve(buffer_.size() + static_cast<std::size_t>(
-                                       std::min<std::uint64_t>(parser_->content_length_remaining().value_or(0), kBodyRead)));
+  const std::uint64_t more = std::min<std::uint64_t>(parser_->content_length_remaining().value_or(0), kBodyRead);
+  buffer_.reserve(std::min(buffer_.max_size(), buffer_.size() + static_cast<std::size_t>(more)));
   bhttp::async_read(stream_, buffer_, *parser_, [self = shared_from_this()](const ErrorCode& error, std::size_t) {
     if (error && (error == bhttp::error::partial_message || error.category() == asio::error::get_system_category()) &&
         !self->late_)

@@ -119,6 +119,25 @@ TEST(GatewayServer, AnswersRequestsOnOneConnectionInTheirOrder) {
   EXPECT_EQ(third.body, R"({"hello":"you"})");
 }
 
+// What is read of a long body also has the beginning of the next request.
+TEST(GatewayServer, AnswersLongBodiesOnOneConnectionInTheirOrder) {
+  Subject subject;
+  RawClient client(subject.port());
+  std::string all;
+  std::vector<std::string> bodies;
+  for (const std::size_t size : {40'000, 70'000, 3, 49'000, 300'000, 48'500, 66'000, 1'000'000, 1, 47'000}) {
+    bodies.push_back("\"" + std::string(size, static_cast<char>('a' + bodies.size())) + "\"");
+    all += http_request("POST", "/echo", bodies.back());
+  }
+  std::thread sends([&] { client.send(all); });
+  for (const std::string& body : bodies) {
+    const HttpReply reply = client.reply();
+    EXPECT_EQ(reply.status, 200);
+    EXPECT_EQ(reply.body, body) << body.size();
+  }
+  sends.join();
+}
+
 TEST(GatewayServer, SendsEventsToAllWhoListen) {
   Subject subject;
   RawClient a(subject.port()), b(subject.port());

@@ -9,7 +9,8 @@ namespace cotwin::services {
 
 namespace {
 
-constexpr std::size_t kMostBytes = 4 << 20;  // of the defaults in all steps
+constexpr std::size_t kMostBytes = 4 << 20;    // of the defaults in all steps
+constexpr std::size_t kMostStepMembers = 256;  // no service has half as many
 using Pointer = Json::json_pointer;
 
 std::string place_of(std::size_t step) { return "/steps/" + std::to_string(step); }
@@ -97,6 +98,9 @@ void settle(Json& request, const std::function<void(Json&, const std::string&)>&
                                         " bytes of all steps together");
   for (std::size_t k = 0; k < steps.size(); ++k) {
     if (!steps[k].is_object()) throw RequestError(place_of(k), "is no object, expected the request of a service");
+    if (steps[k].size() + defaults.size() > kMostStepMembers)
+      throw RequestError(place_of(k), "has " + std::to_string(steps[k].size() + defaults.size()) +
+                                          " members with the defaults, expected at most " + std::to_string(kMostStepMembers));
     Json step = defaults;
     step.update(steps[k]);
     step["name"] = name_of(steps, k);
@@ -129,7 +133,7 @@ void settle(Json& request, const std::function<void(Json&, const std::string&)>&
 }
 
 std::string next_step(const std::string& chain, const std::vector<std::string>& replies) {
-  const Json all = Json::parse(chain), &steps = all["steps"];
+  const Json all = parse_json(chain), &steps = all["steps"];
   const std::size_t k = replies.size();
   if (k >= steps.size()) return "";
   Json step = steps[k];
@@ -201,7 +205,7 @@ void check_chain(Robots& robots, Json chain) {
 }
 
 std::string chain_reply(const std::string& chain, const std::vector<std::string>& replies) {
-  const Json all = Json::parse(chain), &steps = all["steps"];
+  const Json all = parse_json(chain), &steps = all["steps"];
   const std::string audience = all.value("audience", "");
   Json told = Json::array(), last;
   for (std::size_t k = 0; k < replies.size(); ++k) {
@@ -218,7 +222,7 @@ std::string chain_reply(const std::string& chain, const std::vector<std::string>
 }
 
 std::string chain_problem(const std::string& chain, std::size_t failed, const std::string& problem) {
-  const Json all = Json::parse(chain), &steps = all["steps"];
+  const Json all = parse_json(chain), &steps = all["steps"];
   const std::size_t step = std::min(failed, steps.size() - 1);
   Json told = Json::parse(problem);
   const std::string pointer = told.value("pointer", "");
