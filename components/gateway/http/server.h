@@ -13,7 +13,8 @@
 
 namespace cotwin::gateway::http {
 
-/// Bounds on what clients can take from the server: memory is at most about connections · (header + body + queue).
+/// Bounds on what clients can take from the server: memory is at most about connections · (header + body + queue). At the bounds of
+/// connections idle ones give way, and the last eighth, at most 8, is for clients that have none in use.
 struct Limits {
   std::size_t connections = 256;
   std::size_t address_connections = 128;  // of one address, or one IPv6 network of 64 bits

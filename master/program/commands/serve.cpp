@@ -94,7 +94,8 @@ std::string names_of(const ServeArguments& a) {
 bool served_before(const fs::path& folder, const fs::path& scenario) {
   std::ifstream in(folder / "run.json");
   const auto record = nlohmann::json::parse(in, nullptr, false);
-  return record.is_object() && record.value("/scenario/file"_json_pointer, "") == fs::absolute(scenario).string();
+  const nlohmann::json::json_pointer file("/scenario/file");
+  return record.contains(file) && record.at(file) == fs::absolute(scenario).string();
 }
 
 int serve(const ServeArguments& a) {

@@ -628,6 +628,12 @@ TEST(ServeCommand, LeavesOneFolderAndSaysHowItsJobsGoOn) {
   serve();
   EXPECT_EQ(folders(), 1);
   EXPECT_THAT(content(out / "earlier-1/run.json"), HasSubstr("anna"));
+  int kept = 1;
+  for (const char* odd : {R"({"scenario": {"file": 3}})", R"({"scenario": [1]})", "[]", "{", ""}) {
+    std::ofstream(out / "run.json") << odd;
+    EXPECT_EQ(serve().code, 128 + SIGTERM) << odd;
+    EXPECT_EQ(folders(), ++kept) << odd;
+  }
 }
 
 TEST(ServeCommand, TakesSettingsOfItsGatewayByTheirNames) {
