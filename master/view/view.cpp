@@ -196,6 +196,20 @@ Json table_of(const std::vector<std::int64_t>& time, const std::vector<std::vect
   return table;
 }
 
+/// The largest number in each unit of measure. Larger ones than the bound, such as 1e12 for "none", do not count.
+Json scales_of(const Recorded& recorded) {
+  constexpr double kMost = 1e6;
+  std::map<std::string, double> scales;
+  for (const RecordedSignal& signal : recorded.signals) {
+    for (std::size_t i = 0; i < signal.count; ++i) {
+      double& largest = scales[signal.elements.si.empty() ? signal.unit : signal.elements.si[i]];
+      for (const double x : recorded.column(signal, i))
+        if (std::abs(x) <= kMost) largest = std::max(largest, std::abs(x));
+    }
+  }
+  return scales;
+}
+
 /// Plots at the beginning: those of the options, otherwise the first ones that were recorded by choice. `all`: that and what pages show.
 Json plots_of(const ViewOptions& options, const std::optional<Scenario>& scenario, const Recorded& recorded,
               const Recorded& all) {
@@ -333,7 +347,13 @@ ViewSummary write_view(const ViewOptions& options, std::span<const UnitType> typ
   page.update(stage_json({stage, staged, scenario ? &*scenario : nullptr, types, folders}, rows, calculated, packer, remarks));
   if (!calculated.signals.empty())
     page["tables"].push_back(table_of(calculated.time, calculated.columns, calculated.signals, packer));
+  // Two robots of one file have the same notes.
+  std::vector<std::string> once;
+  for (std::string& remark : remarks)
+    if (std::ranges::find(once, remark) == once.end()) once.push_back(std::move(remark));
+  remarks = std::move(once);
   page["remarks"] = remarks;
+  page["scales"] = scales_of(staged);
   page["plots"] = plots_of(options, scenario, recorded, staged);
 
   const fs::path& first = results.recording.empty() ? results.view : results.recording;

@@ -113,7 +113,7 @@ TEST_F(Page, ShowsTheMainExampleAsForwardKinematicsAndTheRecordingHaveIt) {
   }
   const json common = {{"file", page("results/view.html")}, {"title", "free_motion_lwr4"}};
   json first = common, second = common;
-  first.update({{"seeks", seeks}, {"keys", true}, {"themes", true}, {"zoom", "drive.q"}});
+  first.update({{"seeks", seeks}, {"keys", true}, {"themes", true}, {"zoom", "drive.q"}, {"first", 1}, {"hash", true}});
   second.update(
       {{"dark", true},
        {"size", json::array({700, 900})},
@@ -144,6 +144,7 @@ TEST_F(Page, ShowsTwoRobotsAndABodyInContact) {
   }
   const json shown = {{"file", page("results/view.html")},
                       {"seeks", seeks},
+                      {"first", 2},
                       {"cues", json::array({"contacts", "tau_e", "trails", "mass", "energy"})},
                       {"lacking", json::array({"hand"})}};
   // A trolley that comes and grows stops one of two robots.
@@ -247,6 +248,83 @@ TEST_F(Page, ShowsARunOfWhichOnlyTorquesWereRecorded) {
       {"lacking", json::array({"contacts"})},
       {"words", json::array({"first arm", "second_arm_of_the_selective_compliance_robot", "4.000 N·m", "3.000 N"})}};
   check(json::array({shown}));
+}
+
+/// A robot with 45 joints: a trunk with four arms.
+std::string robot_of_many_joints() {
+  std::string urdf = "<robot name='many'><link name='link_0'/>";
+  for (int i = 1; i <= 45; ++i) {
+    const std::string name = std::to_string(i), parent = std::to_string(i % 10 == 6 ? 5 : i - 1);
+    urdf +=
+        "<link name='link_" + name +
+        "'><inertial><origin xyz='0.05 0 0'/><mass value='0.5'/><inertia ixx='1e-3' iyy='1e-3' izz='1e-3' ixy='0' ixz='0' "
+        "iyz='0'/></inertial><collision><origin xyz='0.05 0 0'/><geometry><box size='0.1 0.03 0.03'/></geometry></collision>"
+        "</link><joint name='joint_" +
+        name + "' type='revolute'><parent link='link_" + parent + "'/><child link='link_" + name + "'/><origin xyz='" +
+        (i > 1 ? "0.1 0 0" : "0 0 0.5") + "'/><axis xyz='" + (i % 2 == 0 ? "0 1 0" : "0 0 1") +
+        "'/><limit lower='-2' upper='2' effort='200' velocity='2'/></joint>";
+  }
+  return urdf + "</robot>";
+}
+
+// On a screen and on a phone: robots are large and what comes near them is in view, labels are whole, legends short, the help begins at its top.
+TEST_F(Page, IsTrueAtFirstSight) {
+  json plan = json::array();
+  const auto show = [&](const std::string& name, const json& expected, const std::vector<std::string>& plots = {}) {
+    std::vector<std::string> view = {"view", name, "--no-open"};
+    for (const std::string& plot : plots) view.insert(view.end(), {"--plot", plot});
+    const RunResult made = cotwin(view);
+    ASSERT_EQ(made.code, 0) << made.err;
+    plan.push_back({{"file", page(name + "/view.html")}});
+    plan.back().update(expected);
+  };
+  const auto run = [&](const std::string& scenario, const std::string& name, const std::vector<std::string>& more = {}) {
+    std::vector<std::string> arguments = {"run", scenario, "--out", name, "--quiet"};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    const RunResult done = cotwin(arguments);
+    ASSERT_EQ(done.code, 0) << done.err;
+  };
+  // The person who stops the left robot stands beside it at 7 s.
+  run((root_ / "examples/25_shared_cell/cell.ssd").string(), "cell", {"--stop", "8"});
+  show("cell", {{"first", 2}, {"near", {"person", 7}}});
+  // A satellite that falls out of the view.
+  run((root_ / "examples/24_satellite_servicing/servicing.ssd").string(), "falls",
+      {"--stop", "3", "--set", "free_world.gravity=0 0 -9.81"});
+  show("falls", {{"first", 1}});
+  folder_.write("many.urdf", robot_of_many_joints());
+  ASSERT_EQ(cotwin({"new", "--robot", "many.urdf", "--kind", "contact", "--out", "many"}).code, 0);
+  run("many/twin.ssd", "joints", {"--stop", "2"});
+  show("joints", {{"first", 1}, {"arrows", "m"}, {"legend", 8}});
+  // The torques of a slide's robot are rounding errors beside its forces; a signal that is small by itself is not.
+  ASSERT_EQ(
+      cotwin({"new", "--robot", (root_ / "tests/components/data/scara.urdf").string(), "--kind", "contact", "--out", "arm"})
+          .code,
+      0);
+  run("arm/twin.ssd", "slide", {"--stop", "1"});
+  show("slide", {{"first", 1}, {"seeks", json::array({{{"t", 0.4}, {"texts", {{"drive.tau_J N.m", {"0", "0", "0"}}}}}})}},
+       {"drive.tau_J"});
+  const fs::path log = folder_.write(
+      "log.csv",
+      "t,q1,q2,small,far,huge,none\n1e5,0.1,0.2,-5e-6,1234567.25,-1e30,nan\n100001,0.1,0.2,5e-6,1234567.5,1e30,inf\n");
+  ASSERT_EQ(cotwin({"view", log.string(), "--robot", "planar2", "--no-open", "-o", page("log.html"), "--plot", "*"}).code, 0);
+  plan.push_back(
+      {{"file", page("log.html")},
+       {"first", 1},
+       {"plots", 6},
+       {"seeks",
+        {{{"t", 1e5},
+          {"texts", {{"small", {"-5.000e-6"}}, {"far", {"1.235e6"}}, {"huge", {"-1.000e30"}}, {"none", {"NaN"}}}}}}}});
+  // Nothing but a plane.
+  folder_.write("plane.sdf",
+                "<sdf version='1.11'><world name='w'><model name='ground'><static>true</static><link name='l'><collision "
+                "name='c'><geometry><plane><normal>0 0 1</normal></plane></geometry></collision></link></model></world></sdf>");
+  folder_.write("plane.ssd", R"(<?xml version="1.0"?>
+<SystemStructureDescription xmlns="http://ssp-standard.org/SSP1/SystemStructureDescription" version="1.0" name="plane">
+  <System name="plane"><Elements><Component name="world" type="application/x-cotwin-unit" source="unit:contact_world?scene=plane.sdf"/>
+  </Elements></System><DefaultExperiment startTime="0" stopTime="0.01"/></SystemStructureDescription>)");
+  run("plane.ssd", "plane");
+  show("plane", {{"first", 0}, {"colours", 2}});
+  check(plan);
 }
 
 TEST_F(Page, RunsNothingFromNamesAndShowsWhatIsLeftOfARecording) {

@@ -1,6 +1,6 @@
 import { Refused, type Accepted, type Connection, type LiveSignal, type RunFacts } from './connection';
 import { button, element, short } from './dom';
-import type { PlannedEvent } from './format';
+import { element_name, type PlannedEvent } from './format';
 import type { LiveElement, LiveValue } from './live_recording';
 
 const kMostShown = 40; // settable signals in the list
@@ -202,7 +202,7 @@ export class Controls {
     if (has_all) rows.push(this.row(signal, 'all', signal.name, number_of(now[0]), (value) => rows.forEach((row) => row.show(value)), restore));
     for (let i = 0; i < count; ++i) {
       const unit = signal.units === undefined ? '' : ` ${signal.units[i]}`;
-      rows.push(this.row(signal, several ? `${signal.joints?.[i] ?? `[${i + 1}]`}${unit}` : '', several ? `${signal.name}[${i + 1}]` : signal.name, number_of(now[i]), () => {}, restore));
+      rows.push(this.row(signal, several ? `${element_name({ name: signal.name, unit: signal.unit ?? '', count: signal.size, ...(signal.joints && { joints: signal.joints }) }, i)}${unit}` : '', several ? `${signal.name}[${i + 1}]` : signal.name, number_of(now[i]), () => {}, restore));
     }
     const boxes = rows.map((row) => row.box);
     if (signal.size > count) boxes.push(element('div', { class: 'lacks' }, `the elements from ${count + 1} on: by "all" only`));

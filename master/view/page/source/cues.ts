@@ -2,14 +2,14 @@ import * as three from 'three';
 import type { Marks } from './clouds';
 import { kCues, kRoles } from './colours';
 import { Distances } from './distances';
-import { element, short } from './dom';
+import { element, round_down, short } from './dom';
 import type { BodyView, FigureView, Shown } from './figures';
 import type { PageData } from './format';
 import { reach_of } from './kinematics';
 import type { Matrices } from './matrices';
 import { matte } from './materials';
 import { Profiles } from './profiles';
-import { between, type Place, type Recording } from './recording';
+import { between, type Place, type Recording, type Scales } from './recording';
 import { mass_along, principal_of, principal_of_product } from './symmetric';
 
 /// What the cues draw from.
@@ -23,6 +23,9 @@ export interface Scenery {
   scene: three.Scene;
   /// Where the points of clouds are marked.
   marks: Marks;
+  scales: Scales;
+  /// The length of an arrow, at most, m.
+  longest: () => number;
 }
 
 /// Something that can be switched on in the 3D view. `lacks`: what must be recorded for it, empty if it can be shown.
@@ -63,10 +66,12 @@ class Arrow {
     this.head = new three.Mesh(new three.ConeGeometry(1, 1, 16).translate(0, 0.5, 0), material);
     this.group.add(this.shaft, this.head);
   }
-  set(from: three.Vector3, along: three.Vector3): void {
-    const length = along.length();
-    this.group.visible = length > 1e-9 && Number.isFinite(length + from.length());
-    if (!this.group.visible) return;
+  /// Returns whether it is cut, because it is longer than `longest`.
+  set(from: three.Vector3, along: three.Vector3, longest: number): boolean {
+    const whole = along.length();
+    const length = Math.min(whole, longest);
+    this.group.visible = whole > 1e-9 && Number.isFinite(whole + from.length());
+    if (!this.group.visible) return false;
     const thick = Math.min(this.thickness, 0.15 * length);
     const head = Math.min(4.2 * thick, 0.6 * length);
     this.group.position.copy(from);
@@ -74,6 +79,7 @@ class Arrow {
     this.shaft.scale.set(thick, length - head, thick);
     this.head.position.set(0, length - head, 0);
     this.head.scale.set(2.3 * thick, head, 2.3 * thick);
+    return whole > longest;
   }
 }
 
@@ -87,27 +93,22 @@ class Ellipsoid {
     this.group.add(new three.Mesh(new three.SphereGeometry(1, 28, 18), material), lines);
     this.group.matrixAutoUpdate = false;
   }
-  /// `axes`: in the axes of `base`; `lengths`: of the half-axes, m.
-  set(centre: three.Vector3, base: three.Matrix4, axes: [number, number, number][], lengths: number[]): void {
-    this.group.visible = lengths.every((length) => Number.isFinite(length) && length >= 0);
-    if (!this.group.visible) return;
-    const columns = axes.map((axis, i) => new three.Vector3(...axis).transformDirection(base).multiplyScalar(Math.max(lengths[i]!, 1e-4)));
+  /// `axes`: in the axes of `base`; `lengths`: of the half-axes, m, may be infinite. Returns whether it is cut, because it is longer than `longest`.
+  set(centre: three.Vector3, base: three.Matrix4, axes: [number, number, number][], lengths: number[], longest: number): boolean {
+    this.group.visible = lengths.every((length) => length >= 0);
+    if (!this.group.visible) return false;
+    const columns = axes.map((axis, i) => new three.Vector3(...axis).transformDirection(base).multiplyScalar(Math.min(Math.max(lengths[i]!, 1e-4), longest / 2)));
     this.group.matrix.makeBasis(columns[0]!, columns[1]!, columns[2]!).setPosition(centre);
     this.group.matrixWorldNeedsUpdate = true;
+    return lengths.some((length) => length > longest / 2);
   }
 }
+const shorter = (...cuts: boolean[]): string => (cuts.includes(true) ? ', drawn shorter' : '');
 
 /// The value that 95 % of the numbers do not exceed; 1 if there is none above 0.
 export function usual_largest(values: Iterable<number>): number {
   const sorted = [...values].filter((x) => Number.isFinite(x) && x > 0).sort((a, b) => a - b);
   return sorted[Math.floor(0.95 * (sorted.length - 1))] ?? 1;
-}
-
-/// A length of 1, 2 or 5 times a power of ten, at most x.
-export function round_down(x: number): number {
-  const power = 10 ** Math.floor(Math.log10(x));
-  const head = x / power;
-  return (head >= 5 ? 5 : head >= 2 ? 2 : 1) * power;
 }
 
 const several = (figures: FigureView[], figure: FigureView): string => (figures.length > 1 ? `${figure.figure.name}: ` : '');
@@ -220,7 +221,7 @@ class Forces implements Cue {
         for (let i = 0; i < this.s.recording.rows; i += stride) magnitudes.push(Math.hypot(f[3 * k]![i]!, f[3 * k + 1]![i]!, f[3 * k + 2]![i]!));
       }
     }
-    const newtons = usual_largest(magnitudes);
+    const newtons = Math.max(usual_largest(magnitudes), this.s.scales.least('N'));
     this.scale = (0.35 * this.size) / newtons;
     const unit = round_down(newtons);
     this.text = `${short(unit)} N: ${short(unit * this.scale)} m`;
@@ -229,8 +230,7 @@ class Forces implements Cue {
     this.group.visible = on;
   }
   update(place: Place): string[] {
-    let count = 0;
-    let largest = 0;
+    let [count, cut, largest] = [0, 0, 0];
     for (const { arrow, p, f, k, figure } of this.arrows) {
       const vector = (name: string): three.Vector3 => {
         const columns = this.s.recording.values(name)!;
@@ -245,15 +245,15 @@ class Forces implements Cue {
         const size = force.length();
         force.transformDirection(view.base).multiplyScalar(size);
       }
-      if (force.length() > 0) ++count;
+      if (force.length() > this.s.scales.least('N')) ++count;
       largest = Math.max(largest, force.length() || 0);
-      arrow.set(at, force.multiplyScalar(this.scale));
+      if (arrow.set(at, force.multiplyScalar(this.scale), this.s.longest())) ++cut;
     }
-    return [`${count} of ${this.arrows.length}, largest ${short(largest)} N`, this.text];
+    return [`${count} of ${this.arrows.length}, largest ${this.s.scales.text(largest, 'N')} N`, `${this.text}${shorter(cut > 0)}`];
   }
 }
 
-const effort_unit = (figure: FigureView, joint: number): string => (figure.robot.joints[joint]?.type === 'prismatic' ? 'N' : 'N·m');
+const effort_unit = (figure: FigureView, joint: number): string => (figure.robot.joints[joint]?.type === 'prismatic' ? 'N' : 'N.m');
 
 /// External torques as rings about the axes of the joints.
 class Torques implements Cue {
@@ -299,13 +299,13 @@ class Torques implements Cue {
         magnitudes.set(unit, list);
       });
     }
-    for (const [unit, list] of magnitudes) this.largest.set(unit, usual_largest(list));
+    for (const [unit, list] of magnitudes) this.largest.set(unit, Math.max(usual_largest(list), this.s.scales.least(unit)));
   }
   show(on: boolean): void {
     this.group.visible = on;
   }
   update(place: Place): string[] {
-    const lines: string[] = [`${[...this.largest].map(([unit, most]) => `${short(most)} ${unit}`).join(', ')}: three quarters of a turn`];
+    const lines: string[] = [`${[...this.largest].map(([unit, most]) => `${short(most)} ${unit.replace('.', '·')}`).join(', ')}: three quarters of a turn`];
     for (const entry of this.rings) {
       const { figure, joint, ring, radius } = entry;
       const columns = this.s.recording.values(figure.figure.tau_e.signals[0]!)!;
@@ -315,7 +315,7 @@ class Torques implements Cue {
       if (joint === 0) {
         for (const kind of new Set(columns.map((_, i) => effort_unit(figure, i)))) {
           const own = columns.filter((_, i) => effort_unit(figure, i) === kind);
-          lines.push(`${several(this.s.figures, figure)}${own.map((values) => short(between(values, place))).join('  ')} ${kind}`);
+          lines.push(`${several(this.s.figures, figure)}${own.map((values) => this.s.scales.text(between(values, place), kind)).join('  ')} ${kind.replace('.', '·')}`);
         }
       }
       const turn = Math.min(1.95, Math.max(-1.95, (1.5 * torque) / (this.largest.get(unit) ?? 1))) * Math.PI;
@@ -349,7 +349,7 @@ class EffectiveMass implements Cue {
   readonly needs: string[] = [];
   readonly calculates: string[];
   private readonly group = new three.Group();
-  private readonly parts: { figure: FigureView; ellipsoid: Ellipsoid; arrow: Arrow; direction: three.Vector3; scale: number; cap: number }[] = [];
+  private readonly parts: { figure: FigureView; ellipsoid: Ellipsoid; arrow: Arrow; direction: three.Vector3; scale: number }[] = [];
   constructor(private readonly s: Scenery) {
     this.calculates = s.figures.map((figure) => figure.figure.mobility).filter((name) => name !== '');
     this.lacks = this.calculates.length > 0 ? '' : 'record the joint positions of a robot whose URDF has masses, for example drive.q';
@@ -358,7 +358,7 @@ class EffectiveMass implements Cue {
     for (const figure of this.s.figures) {
       if (figure.figure.mobility === '') continue;
       const reach = reach_of(figure.robot);
-      const part = { figure, ellipsoid: new Ellipsoid(this.colour), arrow: new Arrow(this.colour, 0.012 * reach), direction: new three.Vector3(0, 0, 1), scale: 1, cap: 0.5 * reach };
+      const part = { figure, ellipsoid: new Ellipsoid(this.colour), arrow: new Arrow(this.colour, 0.012 * reach), direction: new three.Vector3(0, 0, 1), scale: 1 };
       this.parts.push(part);
       this.group.add(part.ellipsoid.group, part.arrow.group);
     }
@@ -376,20 +376,21 @@ class EffectiveMass implements Cue {
   }
   update(place: Place, t: number): string[] {
     return this.parts.flatMap((part) => {
-      const { figure, scale, cap } = part;
+      const { figure, scale } = part;
+      const longest = this.s.longest();
       const mobility = this.s.calculated!.at(figure.figure.mobility, t);
       if (mobility === undefined) return [];
       const { values, axes } = principal_of_product(mobility);
       const centre = new three.Vector3().setFromMatrixPosition(figure.frame(figure.robot.tip));
-      part.ellipsoid.set(centre, figure.base, axes, values.map((value) => Math.min(cap, scale / Math.max(value, 1e-12))));
+      const body = part.ellipsoid.set(centre, figure.base, axes, values.map((value) => scale / Math.max(value, 1e-12)), longest);
       const u = this.motion(part.figure, place, part.direction);
       const mass = mass_along(mobility, u.toArray());
       const world = u.clone().transformDirection(figure.base);
-      part.arrow.set(centre, world.clone().multiplyScalar(Math.min(cap, scale * mass)));
+      const arrow = part.arrow.set(centre, world.clone().multiplyScalar(Math.min(scale * mass, 2 * longest)), longest);
       const unit = round_down((0.16 * reach_of(figure.robot)) / scale);
       return [
-        `${several(this.s.figures, figure)}${short(mass)} kg along (${world.toArray().map((x) => x.toFixed(2)).join(', ')})`,
-        `principal: ${values.map((value) => short(value > 0 ? 1 / value : Infinity)).reverse().join('  ')} kg; ${short(unit)} kg: ${short(unit * scale)} m`,
+        `${several(this.s.figures, figure)}${short(mass)} kg along ${world.toArray().map((x, i) => `${'xyz'[i]}\u00a0${x.toFixed(2)}`).join(', ')}${shorter(arrow)}`,
+        `principal: ${values.map((value) => short(value > 0 ? 1 / value : Infinity)).reverse().join('  ')} kg${shorter(body)}; ${short(unit)} kg: ${short(unit * scale)} m`,
       ];
     });
   }
@@ -445,8 +446,8 @@ class Manipulability implements Cue {
       if (velocity === undefined) return [];
       const { values, axes } = principal_of_product(velocity);
       const lengths = values.map((value) => Math.sqrt(Math.max(0, value)));
-      ellipsoid.set(new three.Vector3().setFromMatrixPosition(figure.frame(figure.robot.tip)), figure.base, axes, lengths.map((length) => length * scale));
-      return [`${several(this.s.figures, figure)}volume ${short(lengths[0]! * lengths[1]! * lengths[2]!)} m³/s³${lengths[2] === 0 ? ' (singular)' : ''}, half-axes ${lengths.map(short).join('  ')} m/s`, `1 m/s: ${scale} m`];
+      const is_cut = ellipsoid.set(new three.Vector3().setFromMatrixPosition(figure.frame(figure.robot.tip)), figure.base, axes, lengths.map((length) => length * scale), this.s.longest());
+      return [`${several(this.s.figures, figure)}volume ${short(lengths[0]! * lengths[1]! * lengths[2]!)} m³/s³${lengths[2] === 0 ? ' (singular)' : ''}, half-axes ${lengths.map((length) => short(length)).join('  ')} m/s${shorter(is_cut)}`, `1 m/s: ${scale} m`];
     });
   }
 }
@@ -461,7 +462,7 @@ class Stiffness implements Cue {
   readonly needs: string[] = [];
   readonly calculates: string[];
   private readonly group = new three.Group();
-  private readonly parts: { figure: FigureView; ellipsoid: Ellipsoid; scale: number; cap: number }[] = [];
+  private readonly parts: { figure: FigureView; ellipsoid: Ellipsoid; scale: number }[] = [];
   constructor(private readonly s: Scenery) {
     this.calculates = s.figures.flatMap((figure) => figure.figure.stiffness.signals);
     this.lacks = this.calculates.length > 0 ? '' : (s.figures[0]?.figure.stiffness.lacks ?? 'there is no robot');
@@ -469,7 +470,7 @@ class Stiffness implements Cue {
   build(): void {
     for (const figure of this.s.figures) {
       if (figure.figure.stiffness.signals.length === 0) continue;
-      const part = { figure, ellipsoid: new Ellipsoid(this.colour), scale: 1, cap: 0.5 * reach_of(figure.robot) };
+      const part = { figure, ellipsoid: new Ellipsoid(this.colour), scale: 1 };
       this.parts.push(part);
       this.group.add(part.ellipsoid.group);
     }
@@ -486,13 +487,13 @@ class Stiffness implements Cue {
     this.group.visible = on;
   }
   update(_: Place, t: number): string[] {
-    return this.parts.flatMap(({ figure, ellipsoid, scale, cap }) => {
+    return this.parts.flatMap(({ figure, ellipsoid, scale }) => {
       const stiffness = this.s.calculated!.at(figure.figure.stiffness.signals[0]!, t);
       if (stiffness === undefined) return [];
       const { values, axes } = principal_of(stiffness);
-      ellipsoid.set(new three.Vector3().setFromMatrixPosition(figure.frame(figure.robot.tip)), figure.base, axes, values.map((value) => Math.min(cap, scale * Math.max(value, 0))));
+      const is_cut = ellipsoid.set(new three.Vector3().setFromMatrixPosition(figure.frame(figure.robot.tip)), figure.base, axes, values.map((value) => scale * Math.max(value, 0)), this.s.longest());
       const unit = round_down((0.16 * reach_of(figure.robot)) / scale);
-      return [`${several(this.s.figures, figure)}${values.map(short).join('  ')} N/m`, `${short(unit)} N/m: ${short(unit * scale)} m`];
+      return [`${several(this.s.figures, figure)}${values.map((value) => short(value)).join('  ')} N/m${shorter(is_cut)}`, `${short(unit)} N/m: ${short(unit * scale)} m`];
     });
   }
 }
@@ -546,7 +547,7 @@ class Limits implements Cue {
     for (const { figure, joint, bar } of this.bars) {
       const { min, max, type } = figure.robot.joints[joint]!;
       const q = figure.main.q[joint]!;
-      const text = type === 'revolute' ? `${((q * 180) / Math.PI).toFixed(1)}°` : `${short(q)} m`;
+      const text = type === 'revolute' ? `${((q * 180) / Math.PI).toFixed(1)}°` : `${this.s.scales.text(q, 'm')} m`;
       if (min === null || max === null) {
         bar.set(0, 0, 'transparent', `${text} free`);
         continue;
@@ -599,7 +600,7 @@ class Energy implements Cue {
     for (const { signal, kind, bar } of this.bars) {
       const columns = this.s.recording.values(signal)!;
       const joules = columns.reduce((sum, column) => sum + between(column, place), 0);
-      bar.set(0.5, 0.5 + (0.5 * joules) / this.largest, colours[kind], `${short(joules)} J`);
+      bar.set(0.5, 0.5 + (0.5 * joules) / this.largest, colours[kind], `${this.s.scales.text(joules, 'J')} J`);
     }
     return ['→ came in, = stored, ✕ lost since the start'];
   }

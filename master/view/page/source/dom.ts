@@ -16,11 +16,27 @@ export function button(label: string, title: string, action: () => void): HTMLBu
   return made;
 }
 
-/// A number for people: four significant digits.
-export function short(x: number): string {
+/// A number for people: `digits` significant ones, with an exponent below 0.001 and from 100 000 on.
+export function short(x: number, digits = 4): string {
   if (Number.isNaN(x)) return 'NaN';
   if (!Number.isFinite(x)) return x > 0 ? '∞' : '-∞';
   if (x === 0) return '0';
-  const size = Math.abs(x);
-  return size >= 1e5 || size < 1e-3 ? x.toExponential(3) : x.toPrecision(4);
+  const rounded = x.toExponential(digits - 1);
+  const power = Number(rounded.slice(rounded.indexOf('e') + 1));
+  return power < -3 || power > 4 ? rounded.replace('+', '') : x.toFixed(Math.max(0, digits - 1 - power));
+}
+
+/// The ticks of an axis, with as many digits as tell them apart.
+export function tick_labels(ticks: number[]): string[] {
+  const step = Math.min(...ticks.slice(1).map((t, i) => Math.abs(t - ticks[i]!)));
+  const powers = Math.floor(Math.log10(Math.max(...ticks.map(Math.abs)))) - Math.floor(Math.log10(step));
+  const digits = Number.isFinite(powers) ? Math.min(Math.max(powers + 2, 1), 15) : 6;
+  return ticks.map((t) => short(Math.abs(t) < 1e-6 * step && Number.isFinite(step) ? 0 : t, digits).replace(/(\.\d*?)0+(?=e|$)/, '$1').replace(/\.(?=e|$)/, ''));
+}
+
+/// A number of 1, 2 or 5 times a power of ten, at most x.
+export function round_down(x: number): number {
+  const power = 10 ** Math.floor(Math.log10(x));
+  const head = x / power;
+  return (head >= 5 ? 5 : head >= 2 ? 2 : 1) * power;
 }

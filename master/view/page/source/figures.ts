@@ -1,5 +1,6 @@
 import * as three from 'three';
 import { kCues, kRoles } from './colours';
+import { visible_box } from './framing';
 import { Instances, type Member } from './instances';
 import type { Base, Body, Figure, PageData, Robot, Tool, Track, Visual } from './format';
 import { Mechanism, frame_pose, matrix_of } from './kinematics';
@@ -77,11 +78,6 @@ export class Shown {
       this.group.add(part);
     }
     this.group.matrixAutoUpdate = false;
-  }
-
-  foot(): number {
-    this.group.updateMatrixWorld(true);
-    return new three.Box3().setFromObject(this.parts[0]!).min.z;
   }
 
   /// Where its base is; that of the figure unless it has its own.
@@ -190,14 +186,6 @@ export class FigureView {
       }),
     );
   }
-  box(): three.Box3 {
-    this.group.updateMatrixWorld(true);
-    return new three.Box3().setFromObject(this.group);
-  }
-  /// The lowest point of the base in the world, m.
-  foot(): number {
-    return this.main.foot();
-  }
   /// `t`: the time of the place, s.
   place(place: Place, t: number): void {
     this.base_pose.at(place, this.base);
@@ -252,6 +240,7 @@ export class BodyView {
   readonly group = new three.Group();
   private readonly pose: RecordedPose;
   private readonly members: Member[];
+  private scale = 1;
 
   constructor(
     readonly body: Body,
@@ -284,14 +273,15 @@ export class BodyView {
   }
   place(place: Place): void {
     this.pose.at(place, this.group.matrix);
-    const size = this.size(place);
+    const size = (this.scale = this.size(place));
     if (size !== 1) this.group.matrix.scale(new three.Vector3(size, size, size));
     this.group.matrixWorldNeedsUpdate = true;
     for (const member of this.members) this.instances.place(member, this.group.matrix);
   }
+  /// Of what is visible in the world; empty if nothing is.
   box(): three.Box3 {
-    this.group.updateMatrixWorld(true);
-    const box = new three.Box3().setFromObject(this.group);
+    if (this.scale < 1e-6) return new three.Box3();
+    const box = visible_box(this.group);
     for (const member of this.members) box.union(this.instances.box(member));
     return box;
   }

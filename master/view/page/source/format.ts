@@ -28,6 +28,19 @@ export interface Signal {
   count: number;
 }
 
+/// Units of measure of vectors in space; those along principal axes are none.
+const kSpatial = ['m', 'm/s', 'm/s2', 'N', 'N.m', 'N/m', 'rad/s', 'rad/s2'];
+const kPrincipal = /(^|\.)([KD]_[a-z]+|d?x|\w+_lengths)$/;
+
+/// What an element of a signal is called: a joint, x y z of a vector, w x y z of a quaternion; otherwise its number, from 1 on.
+export function element_name({ name, joints, unit, count }: Pick<Signal, 'name' | 'joints' | 'unit' | 'count'>, i: number): string {
+  const is_spatial = kSpatial.includes(unit) || /(^|\.)(normal|u)$/.test(name);
+  const point = /\.contact_[pf]$/.test(name) ? `${Math.floor(i / 3) + 1} ` : '';
+  if (joints?.[i] !== undefined) return joints[i];
+  if (count === 4 && /quat\w*$/.test(name)) return 'wxyz'[i]!;
+  return (count === 3 && is_spatial && !kPrincipal.test(name)) || point !== '' ? point + 'xyz'[i % 3]! : `[${i + 1}]`;
+}
+
 /// Rows of numbers over time. `time` in ns.
 export interface Table {
   rows: number;
@@ -240,6 +253,8 @@ export interface PageData {
   facts: [string, string][];
   remarks: string[];
   tables: Table[];
+  /// The largest number of the run in each unit of measure. Absent in pages of earlier versions and of runs that go on.
+  scales?: Record<string, number>;
   /// What pages show of a run, beside what the user recorded.
   view?: Table;
   robots: Robot[];

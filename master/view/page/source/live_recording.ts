@@ -1,5 +1,5 @@
 import type { Signal } from './format';
-import { Recording } from './recording';
+import { Recording, Scales } from './recording';
 
 /// A value in a message of the run: an element or all elements. null: not a finite number.
 export type LiveElement = number | boolean | null;
@@ -27,6 +27,7 @@ export class LiveRecording extends Recording {
   private count = 0;
   private readonly held = new Map<string, Float32Array[]>();
   private readonly waiting = new Map<string, (() => void)[]>();
+  readonly scales = new Scales();
   /// Called when further signals are needed, with all names.
   ordered: (names: string[]) => void = () => {};
   /// Rows that came so far, so that a change can be noticed.
@@ -91,8 +92,10 @@ export class LiveRecording extends Recording {
     this.time[row] = sample.time_s;
     for (const [name, columns] of this.held) {
       const value = sample.values[name];
+      const { unit, units } = this.signal(name)!;
       columns.forEach((column, i) => {
         column[row] = number_of(Array.isArray(value) ? value[i] : i === 0 ? value : undefined);
+        this.scales.note(units?.[i] ?? unit, column[row]!);
       });
       if (value === undefined) continue;
       for (const came of this.waiting.get(name) ?? []) came();

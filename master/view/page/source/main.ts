@@ -11,7 +11,9 @@ import { button, element } from './dom';
 import { kRoles } from './colours';
 import { BodyView, FigureView, needed_signals } from './figures';
 import type { PageData, Signal, Visual } from './format';
+import { corners_of, heights_of_planes, visible_corners } from './framing';
 import { reach_of } from './kinematics';
+import { read_view, write_view, type View } from './link';
 import { LiveRecording } from './live_recording';
 import { LiveMatrices, RecordedMatrices, type Matrices } from './matrices';
 import { matte } from './materials';
@@ -21,7 +23,7 @@ import { unpack } from './packed';
 import { Player } from './player';
 import { show_gateway } from './gateway';
 import { Plot, TimeWindow } from './plots';
-import { Joined, Recording } from './recording';
+import { Joined, Recording, Scales } from './recording';
 import { Stage } from './stage';
 
 /// So many notes are open at the beginning.
@@ -47,6 +49,12 @@ const kRedraw = 50; // ms between two drawings of the plots meanwhile
 const kTexts = 150; // ms between two changes of the figures of cues meanwhile
 const kStill = 400; // ms without a new row, after which the picture rests
 
+const kMostTimes = 20; // at which it is looked for where a body is
+const kThin = 1e-3; // m
+const kMostGround = 5; // sizes of what is in view at first
+const kMostPlots = 20; // of a link
+const kRemember = 400; // ms between two changes of the URL
+
 /// A run that goes on.
 interface Live {
   connection: Connection;
@@ -70,10 +78,16 @@ class Page {
   private clouds: CloudView[] = [];
   private readonly marks = new Marks();
   private cues: Cue[] = [];
+  /// All at first, above the ground.
+  private all = new three.Box3();
+  private readonly scales: Scales;
+  private readonly remarked = new Set<string>();
   private readonly shown = new Set<string>();
   private readonly built = new Set<string>();
   private readonly entries = new Map<string, { box: HTMLInputElement; text: HTMLElement }>();
   private plots: Plot[] = [];
+  private first_plots: string[] = [];
+  private remembered = '';
   private readonly lights: Lights;
   private dirty = true;
   private last = 0;
@@ -110,6 +124,7 @@ class Page {
   ) {
     if (view === undefined) this.scenery = recording;
     else this.scenery = recording.rows >= view.rows ? new Joined(recording, view) : new Joined(view, recording);
+    this.scales = live?.recording.scales ?? new Scales(data.scales);
     this.lights = new Lights(data.lights, this.scenery);
   }
 
@@ -133,7 +148,10 @@ class Page {
     this.lay_out();
     for (const remark of data.remarks) this.remark(remark);
     if (rows === 0 && live === undefined) this.remark('the recording has no rows: only the start is shown');
-    const plotted = data.plots.map((name) => this.add_plot(name));
+    const view = read_view(location.hash);
+    this.first_plots = data.plots.filter((name) => this.all_signals().some((signal) => signal.name === name));
+    const linked = view.plots?.filter((name) => name === '' || this.all_signals().some((signal) => signal.name === name)).slice(0, kMostPlots);
+    const plotted = (linked?.length ? linked : this.first_plots).map((name) => this.add_plot(name));
     try {
       await this.set_the_stage();
     } catch (error) {
@@ -142,6 +160,7 @@ class Page {
     await Promise.all(plotted);
     if (live !== undefined) this.watch(live);
     this.listen();
+    await this.restore(view);
     this.update();
     requestAnimationFrame((now) => this.frame(now));
   }
@@ -187,6 +206,35 @@ class Page {
     connection.on_other_run = () => location.reload();
     show();
   }
+
+  /// Cues, camera, range and time of a link; what the page does not have is left out.
+  private async restore({ cues, camera, range, t }: View): Promise<void> {
+    for (const cue of this.cues) if (cues?.includes(cue.id)) await this.switch_cue(cue, true);
+    if (camera !== undefined && this.stage !== undefined) this.stage.view = camera;
+    if (range !== undefined) this.range.set(range[0]!, range[1]!);
+    if (t !== undefined) this.seek(t);
+    this.draw_plots();
+    addEventListener('hashchange', () => location.reload());
+    setInterval(() => {
+      const hash = write_view(this.seen());
+      if (hash !== this.remembered) history.replaceState(null, '', `#${hash}`);
+      this.remembered = hash;
+    }, kRemember);
+  }
+  /// What a link to the present view has.
+  private seen(): View {
+    const { range, player, stage } = this;
+    const order = (a: Plot, b: Plot): number => (a.box.compareDocumentPosition(b.box) & Node.DOCUMENT_POSITION_FOLLOWING ? -1 : 1);
+    const plots = [...new Set([...this.plots].sort(order).map((plot) => plot.name))];
+    const cues = this.cues.filter((cue) => this.shown.has(cue.id)).map((cue) => cue.id);
+    return {
+      ...(player.time !== player.begin && !player.following && { t: player.time }),
+      ...((range.from !== range.begin || range.to !== range.end) && this.live === undefined && { range: [range.from, range.to] }),
+      ...(stage?.chosen && { camera: stage.view }),
+      ...(cues.length > 0 && { cues }),
+      ...(plots.join('\n') !== this.first_plots.join('\n') && { plots: plots.length > 0 ? plots : [''] }),
+    };
+  }
   private follow(): void {
     this.player.follow();
     this.update();
@@ -197,7 +245,7 @@ class Page {
     const facts = element('table', {}, ...data.facts.map(([name, value]) => element('tr', {}, element('td', {}, name), element('td', {}, value))));
     const keys = element('table', {});
     const close = button('close', 'close', () => this.help.close());
-    this.help.append(element('h2', {}, 'Keys'), keys, element('h2', {}, 'In a plot'), element('p', {}, 'Drag: the time. Shift and drag: the shown range. Wheel: closer, farther. Double click: everything.'), element('h2', {}, 'This run'), facts, close);
+    this.help.append(close, element('h2', {}, 'Keys'), keys, element('h2', {}, 'In a plot'), element('p', {}, 'Drag: the time. Shift and drag: the shown range. Wheel: closer, farther. Double click: everything.'), element('h2', {}, 'This run'), facts);
     const add = element('select', { 'aria-label': 'add a plot' }, element('option', { value: '' }, 'add a plot …'));
     for (const signal of this.all_signals()) add.append(element('option', { value: signal.name }, signal.count > 1 ? `${signal.name} (${signal.count})` : signal.name));
     add.addEventListener('change', () => {
@@ -213,7 +261,7 @@ class Page {
     this.slider.min = String(this.player.begin);
     this.slider.max = String(this.player.end);
     this.slider.addEventListener('input', () => this.seek(Number(this.slider.value)));
-    const panel = element('details', { class: 'panel', open: '' }, element('summary', {}, 'Cues'));
+    const panel = element('details', { class: 'panel', ...(matchMedia('(min-width: 821px)').matches && { open: '' }) }, element('summary', {}, 'Cues'));
     panel.id = 'cues';
     const side = element('div', { class: 'cues' }, panel);
     if (live !== undefined) side.append(live.controls.values, live.controls.events);
@@ -229,7 +277,7 @@ class Page {
         element('span', { class: 'space' }),
         button('view all', 'put everything into view (0)', () => this.view_all()),
         button('dark / light', 'dark or light (d)', () => this.change_theme()),
-        button('?', 'keys and facts (?)', () => this.help.showModal()),
+        button('?', 'keys and facts (?)', () => this.show_help()),
       ),
       side,
       element('div', { class: 'stage' }, this.canvas, this.lights.panel, this.notes),
@@ -248,6 +296,8 @@ class Page {
   }
 
   private remark(text: string): void {
+    if (this.remarked.has(text)) return;
+    this.remarked.add(text);
     this.remarks.append(element('li', {}, text));
     const count = this.remarks.childElementCount;
     this.count.textContent = count === 1 ? '1 note' : `${count} notes`;
@@ -280,16 +330,23 @@ class Page {
     this.stage.scene.add(instances.group, ...[...this.figures, ...this.bodies, ...clouds].map((view) => view.group));
     const place = this.scenery.place(this.player.time);
     for (const view of [...this.figures, ...this.bodies]) view.place(place, this.player.time);
+    const robots = this.figures.map((view) => visible_corners(view.main.group)).filter((corners) => corners.length > 0);
+    const first = robots.length > 0 ? robots : [this.whole()];
+    const ways = this.ways(true);
+    this.stage.look_at(first, ways, [this.ways(false).map((point) => [point]), ...this.places()]);
+    // The ground is at z = 0, or lower where something is below that.
+    const near = new three.Box3().setFromPoints([...first.flat(), ...ways]);
+    const most = kMostGround * near.getSize(new three.Vector3()).length();
+    this.all = new three.Box3().setFromPoints(this.whole()).union(near).intersect(near.expandByScalar(most));
+    const planes = this.bodies.flatMap((view) => heights_of_planes(view.group));
+    this.all.min.z = Math.min(0, this.all.min.z, ...planes);
+    if (Math.min(...planes) <= this.all.min.z + kThin) this.all.min.z += 2 * kThin; // lines on it
     this.dress();
     this.add_cues();
-    this.view_all();
   }
 
-  /// The grid is at z = 0, or lower where robots stand whose base frame is above their foot. A plane of the scene is the ground where it is.
   private dress(): void {
-    const has_plane = this.data.bodies.some((body) => body.visuals.some((visual) => visual.kind === 'plane'));
-    const feet = has_plane ? [] : this.figures.filter((view) => view.figure.base_p === '').map((view) => view.foot());
-    this.stage?.dress(Math.max(1.5, ...this.figures.map((view) => 1.2 * reach_of(view.robot))), Math.min(0, ...feet));
+    this.stage?.dress(this.all, Math.max(1.5, ...this.figures.map((view) => 1.2 * reach_of(view.robot))));
   }
 
   private add_cues(): void {
@@ -297,7 +354,7 @@ class Page {
     if (this.live !== undefined) this.calculated = new LiveMatrices(recording, figures);
     const calculated = this.calculated;
     const size = Math.max(0.3, ...figures.map((view) => reach_of(view.robot)));
-    this.cues = cues_of({ data, recording, calculated, figures, bodies, scene: this.stage.scene, marks: this.marks }, figures.length > 0 ? size : 1);
+    this.cues = cues_of({ data, recording, calculated, figures, bodies, scene: this.stage.scene, marks: this.marks, scales: this.scales, longest: () => this.stage.span / 3 }, figures.length > 0 ? size : 1);
     const panel = document.getElementById('cues')!;
     const keys = document.getElementById('keys')!;
     for (const cue of this.cues) {
@@ -360,6 +417,7 @@ class Page {
         unit,
         source,
         source.values(name)!.map((column, i) => ({ column, element: i })).filter(({ element: i }) => (units[i] ?? unit) === unit),
+        this.scales,
         this.range,
         (t) => this.seek(t),
         () => this.draw_plots(),
@@ -382,20 +440,45 @@ class Page {
     }
   }
 
+  /// The ways of tips, of robots whose base rests or of the others.
+  private ways(rests: boolean): three.Vector3[] {
+    return this.figures.filter((view) => (view.figure.base_p === '') === rests).flatMap((view) => {
+      const way = view.trail(view.main, this.scenery, 100);
+      return Array.from({ length: way.length / 3 }, (_, i) => new three.Vector3(...way.subarray(3 * i)));
+    });
+  }
+  /// Where clouds and bodies are, and come to.
+  private places(): three.Vector3[][][] {
+    const { rows } = this.scenery;
+    const times = Math.min(rows, kMostTimes, Math.ceil((50 * kMostTimes) / this.bodies.length));
+    const of = (view: BodyView): three.Box3[] => {
+      const boxes = [view.box()];
+      for (let k = 1; view.moves && k < times; ++k) {
+        const row = Math.round((k * (rows - 1)) / (times - 1));
+        view.place({ row, next: row, share: 0 });
+        boxes.push(view.box());
+      }
+      view.place(this.scenery.place(this.player.time));
+      return boxes;
+    };
+    const all = [...this.clouds.map((view) => [view.box()]), ...this.bodies.map(of)];
+    return all.map((boxes) => boxes.filter((box) => !box.isEmpty()).map(corners_of));
+  }
+  /// Corners of everything that is visible now.
+  private whole(): three.Vector3[] {
+    const boxes = [...this.bodies, ...this.clouds].map((view) => view.box()).filter((box) => !box.isEmpty());
+    const corners = [...this.figures.flatMap((view) => visible_corners(view.group)), ...boxes.flatMap(corners_of)];
+    return corners.length > 0 ? corners : corners_of(new three.Box3(new three.Vector3(-0.5, -0.5, 0), new three.Vector3(0.5, 0.5, 1)));
+  }
   private view_all(): void {
     if (this.stage === undefined) return;
-    const box = new three.Box3();
-    for (const view of this.figures) box.union(view.box());
-    for (const view of [...this.bodies, ...this.clouds]) {
-      const own = view.box();
-      if (own.getSize(new three.Vector3()).length() < 15) box.union(own);
-    }
-    for (const view of this.figures) {
-      const way = view.trail(view.main, this.scenery, 100);
-      for (let i = 0; i + 2 < way.length; i += 3) box.expandByPoint(new three.Vector3(way[i], way[i + 1], way[i + 2]));
-    }
-    if (box.isEmpty()) box.set(new three.Vector3(-0.5, -0.5, 0), new three.Vector3(0.5, 0.5, 1));
-    this.stage.look_at(box);
+    this.stage.chosen = true;
+    this.stage.look_at([this.whole()], this.ways(true), []);
+  }
+
+  private show_help(): void {
+    this.help.showModal();
+    this.help.scrollTop = 0;
   }
 
   private change_theme(): void {
@@ -457,6 +540,7 @@ class Page {
     if (now - this.refreshed < kRefresh) return;
     this.refreshed = now;
     for (const cue of this.cues) if (this.shown.has(cue.id)) cue.refresh?.();
+    for (const plot of this.plots) plot.fold();
   }
 
   /// Brings everything to the present time.
@@ -489,12 +573,18 @@ class Page {
   }
 
   private listen(): void {
+    // Space presses what was reached by Tab, but not again what was clicked.
+    let by_tab = false;
+    document.addEventListener('pointerdown', () => (by_tab = false), true);
     document.addEventListener('keydown', (event) => {
+      by_tab ||= event.key === 'Tab';
       if (event.ctrlKey || event.altKey || event.metaKey || this.help.open) return;
       const target = event.target;
       if (target instanceof HTMLSelectElement) return;
-      if (target instanceof HTMLButtonElement && (event.key === ' ' || event.key === 'Enter')) return;
-      if (target instanceof HTMLInputElement && target.type === 'checkbox' && event.key === ' ') return;
+      if (target instanceof HTMLElement && target.matches('button, summary, input[type=checkbox]')) {
+        if (event.key === 'Enter' || (event.key === ' ' && by_tab)) return;
+        if (event.key === ' ') target.blur();
+      }
       // Texts and numbers are written, and the sliders of values move, with keys that would do something else.
       if (target instanceof HTMLInputElement && target !== this.slider) {
         if (['number', 'search'].includes(target.type)) return;
@@ -527,7 +617,7 @@ class Page {
         this.view_all();
       },
       d: () => this.change_theme(),
-      '?': () => this.help.showModal(),
+      '?': () => this.show_help(),
     };
     if (this.live !== undefined) {
       const { controls } = this.live;

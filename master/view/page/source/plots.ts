@@ -1,9 +1,18 @@
 import uPlot from 'uplot';
 import { kSeries, style_colour } from './colours';
 import { Extremes, decimate } from './decimate';
-import { button, element, short } from './dom';
-import type { Signal } from './format';
-import { last_not_above, type Recording } from './recording';
+import { button, element, round_down, short, tick_labels } from './dom';
+import { element_name, type Signal } from './format';
+import { kMostLargest, kNoise, last_not_above, type Recording, type Scales } from './recording';
+
+/// A legend has so many entries until it is opened.
+const kMostEntries = 8;
+
+/// Width of the longest of the labels of an axis, pixels.
+function width_of(chart: uPlot, axis: number, labels: string[] | null): number {
+  chart.ctx.font = String(chart.axes[axis]!.font![0]);
+  return Math.max(0, ...(labels ?? []).map((label) => chart.ctx.measureText(label).width / devicePixelRatio));
+}
 
 /// The range of times that all plots show.
 export class TimeWindow {
@@ -39,6 +48,11 @@ export class TimeWindow {
     this.to = this.end;
     this.span = Infinity;
   }
+  /// Shows this part of the recording, if there is one.
+  set(from: number, to: number): void {
+    [from, to] = [Math.max(from, this.begin), Math.min(to, this.end)];
+    if (from < to) this.show(from, to - from);
+  }
   /// Moves the window so that it has the time t in it.
   reveal(t: number): void {
     if (t < this.from || t > this.to) this.show(t - 0.1 * (this.to - this.from), this.to - this.from);
@@ -49,6 +63,13 @@ export class TimeWindow {
   }
 }
 
+/// Two of about five ticks between these times.
+function about_ticks(from: number, to: number): string[] {
+  const step = round_down((to - from) / 5);
+  const last = Math.floor(to / step) * step;
+  return tick_labels([last - step, last]);
+}
+
 /// A plot of the elements of one signal that have the same unit of measure.
 export class Plot {
   readonly box: HTMLElement;
@@ -57,6 +78,11 @@ export class Plot {
   private readonly mark = element('div', { class: 'mark' });
   private readonly extremes: Extremes[];
   private readonly shown: boolean[];
+  private readonly entries: HTMLElement[] = [];
+  private readonly more = element('button', { type: 'button', class: 'entry more' });
+  private is_open = false;
+  /// The largest number of the signal; 0 while it grows.
+  private readonly largest: number;
   private chart: uPlot | undefined;
 
   private readonly columns: Float32Array[];
@@ -66,6 +92,7 @@ export class Plot {
     private readonly unit: string,
     private readonly recording: Recording,
     elements: { column: Float32Array; element: number }[],
+    private readonly scales: Scales,
     private readonly range: TimeWindow,
     private readonly seek: (t: number) => void,
     private readonly changed: () => void,
@@ -74,23 +101,30 @@ export class Plot {
     const columns = (this.columns = elements.map(({ column }) => column));
     this.extremes = columns.map((column) => new Extremes(column, recording.grows));
     this.shown = columns.map(() => true);
+    this.largest = Math.max(0, ...this.extremes.flatMap((extremes) => (recording.grows ? [] : extremes.range(0, recording.rows).map(Math.abs))).filter(Number.isFinite));
     const legend = element('div', { class: 'legend' });
     const name = signal.name;
     elements.forEach(({ element: index }, i) => {
       const number = signal.count > 1 ? `[${index + 1}]` : '';
-      const joint = signal.joints?.[index];
       const value = element('span', { class: 'value' });
       this.values.push(value);
       const key = element('span', { class: i < kSeries.length ? 'key' : 'key dashed' });
       key.style.borderTopColor = kSeries[i % kSeries.length]!;
-      const entry = element('button', { type: 'button', class: 'entry', 'aria-pressed': 'true', title: `${name}${number}: show or hide this line` }, key, element('span', { class: 'joint' }, `${joint ?? number} `), value);
+      const entry = element('button', { type: 'button', class: 'entry', 'aria-pressed': 'true', title: `${name}${number}: show or hide this line` }, key, element('span', { class: 'joint' }, number === '' ? '' : `${element_name(signal, index)} `), value);
       entry.addEventListener('click', () => {
         this.shown[i] = !this.shown[i];
         entry.setAttribute('aria-pressed', String(this.shown[i]));
         this.build();
       });
       legend.append(entry);
+      this.entries.push(entry);
     });
+    this.more.addEventListener('click', () => {
+      this.is_open = !this.is_open;
+      this.fold();
+    });
+    if (columns.length > kMostEntries) legend.append(this.more);
+    this.fold();
     this.chart_box.append(this.mark);
     this.box = element(
       'section',
@@ -123,9 +157,12 @@ export class Plot {
         height: Math.floor(box.height),
         legend: { show: false },
         cursor: { show: false },
-        padding: [6, 20, 0, 0],
-        scales: { x: { time: false }, y: { range: (_, low, high) => Plot.padded(low, high) } },
-        axes: [{ ...axis, size: 26, values: (_, ticks) => ticks.map((t) => `${+t.toPrecision(10)} s`) }, { ...axis, size: 58, values: (_, ticks) => ticks.map((y) => String(+y.toPrecision(6))) }],
+        padding: [6, (chart) => Math.max(20, 3 + width_of(chart, 0, (chart.axes[0] as { _values?: string[] })._values ?? null) / 2), 0, 0],
+        scales: { x: { time: false }, y: { range: (_, low, high) => this.padded(low, high) } },
+        axes: [
+          { ...axis, size: 26, space: (chart, i, from, to) => 34 + width_of(chart, i, about_ticks(from, to)), values: (_, ticks) => tick_labels(ticks).map((t) => `${t} s`) },
+          { ...axis, size: (chart, labels, i) => Math.max(58, 17 + width_of(chart, i, labels)), values: (_, ticks) => tick_labels(ticks) },
+        ],
         series: [
           {},
           ...this.columns.map((_, i) => ({
@@ -141,6 +178,19 @@ export class Plot {
       this.chart_box,
     );
     this.draw();
+  }
+
+  /// Of many lines the legend has those that move most, and the rest when it is opened.
+  fold(): void {
+    if (this.entries.length <= kMostEntries) return;
+    const moves = this.extremes.map((extremes) => {
+      const [low, high] = extremes.range(0, this.recording.rows);
+      return high - low;
+    });
+    const moving = [...moves.keys()].filter((i) => moves[i]! > this.least).sort((i, k) => moves[k]! - moves[i]!).slice(0, kMostEntries);
+    this.entries.forEach((entry, i) => (entry.hidden = !this.is_open && !moving.includes(i)));
+    this.more.textContent = this.is_open ? 'fewer' : `${this.entries.length - moving.length} more`;
+    this.more.title = this.is_open ? 'the lines that move most' : 'all lines';
   }
 
   /// Draws the range of times that is shown now.
@@ -162,7 +212,8 @@ export class Plot {
   follow(t: number): void {
     const row = this.recording.nearest(t);
     this.columns.forEach((column, i) => {
-      this.values[i]!.textContent = this.recording.rows > 0 ? short(column[row]!) : '';
+      const y = column[row]!;
+      this.values[i]!.textContent = this.recording.rows > 0 ? short(Math.abs(y) < this.least ? 0 : y) : '';
     });
     if (this.chart === undefined) return;
     const x = this.chart.valToPos(t, 'x') + this.chart.bbox.left / devicePixelRatio;
@@ -180,10 +231,18 @@ export class Plot {
     this.box.remove();
   }
 
-  private static padded(low: number | null, high: number | null): [number, number] {
+  /// Numbers below it are rounding errors.
+  private get least(): number {
+    const own = this.unit === '1' && this.largest <= kMostLargest ? kNoise * this.largest : 0;
+    return Math.max(this.scales.least(this.unit), own);
+  }
+  private padded(low: number | null, high: number | null): [number, number] {
     if (low === null || high === null) return [-1, 1];
-    if (high - low <= 1e-12 * Math.max(Math.abs(low), Math.abs(high))) return low === 0 ? [-1, 1] : [low - 0.1 * Math.abs(low), high + 0.1 * Math.abs(high)];
-    return [low - 0.06 * (high - low), high + 0.06 * (high - low)];
+    const [size, least] = [Math.max(Math.abs(low), Math.abs(high)), this.least];
+    if (high - low <= 1e-12 * size) return size <= least ? [-1, 1] : [low - 0.1 * size, high + 0.1 * size];
+    if (size <= least) return [-least, least];
+    const beyond = Math.max(0.06 * (high - low), least - (high - low) / 2);
+    return [low - beyond, high + beyond];
   }
 
   private time_at(event: MouseEvent): number {

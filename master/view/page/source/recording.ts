@@ -1,3 +1,4 @@
+import { short } from './dom';
 import type { Signal, Table } from './format';
 import { unpack } from './packed';
 
@@ -18,6 +19,34 @@ export interface Place {
   row: number;
   next: number;
   share: number;
+}
+
+/// Rounding errors: numbers that are below this share of the largest one in the run in their unit of measure.
+export const kNoise = 1e-9;
+/// Larger numbers, such as 1e12 for "none", are not taken for the largest one (master/view/view.cpp has the same bound).
+export const kMostLargest = 1e6;
+/// Units without a size of their own: counts and states, and times, of which small ones are exact.
+const kOwnSizes = ['', '1', 's'];
+/// The torques of joints come from forces at levers of about 1 m, so both have one size; so have their motions.
+const size_of = (unit: string): string => unit.replace('N.m', 'N').replace('rad', 'm');
+
+/// What is as good as 0.
+export class Scales {
+  private readonly largest = new Map<string, number>();
+  constructor(known: Record<string, number> = {}) {
+    for (const [unit, x] of Object.entries(known)) this.note(unit, x);
+  }
+  note(unit: string, x: number): void {
+    const [name, size] = [size_of(unit), Math.abs(x)];
+    if (size <= kMostLargest && size > (this.largest.get(name) ?? 0)) this.largest.set(name, size);
+  }
+  /// Numbers in this unit that are below it are none; 0 if that is not known.
+  least(unit: string): number {
+    return kOwnSizes.includes(unit) ? 0 : kNoise * (this.largest.get(size_of(unit)) ?? 0);
+  }
+  text(x: number, unit: string): string {
+    return short(Math.abs(x) < this.least(unit) ? 0 : x);
+  }
 }
 
 /// A table whose columns are unpacked when they are first needed. Times in s.

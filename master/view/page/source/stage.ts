@@ -1,6 +1,8 @@
 import * as three from 'three';
 import { OrbitControls } from 'three/examples/jsm/controls/OrbitControls.js';
 import { style_colour } from './colours';
+import { round_down } from './dom';
+import { aim_at, type Aim } from './framing';
 
 /// Whether the processor draws, without a graphics card: smooth edges would cost it most of its time.
 function draws_in_software(): boolean {
@@ -26,51 +28,69 @@ export class Stage {
   private moving = false;
   private width = 0;
   private height = 0;
+  /// Whether the camera is where the user or a link has put it.
+  chosen = false;
+  /// Edge of all that there is, m.
+  private extent = 1;
+  /// Height of the view that was chosen last, not by hand, at the point that the camera looks at, m.
+  span = 1;
 
   constructor(private readonly canvas: HTMLCanvasElement) {
     this.renderer = new three.WebGLRenderer({ canvas, antialias: !draws_in_software() });
     this.camera.up.set(0, 0, 1);
     this.controls = new OrbitControls(this.camera, canvas);
     this.controls.addEventListener('change', () => this.invalidate());
+    this.controls.addEventListener('start', () => (this.chosen = true));
     this.scene.add(this.ground);
     new ResizeObserver(() => this.resize()).observe(canvas.parentElement ?? canvas);
     this.resize();
   }
 
-  /// Sets background and ground to the colours of the style sheet. `extent`: half of the edge of the ground, `height`: its z, m.
-  dress(extent: number, height: number): void {
+  /// Sets background and ground to the colours of the style sheet. The ground is a grid below `all`, with whole metres or parts of them on its lines;
+  /// `least`: half of its edge, m.
+  dress(all: three.Box3, least: number): void {
     this.scene.background = new three.Color(style_colour('--stage'));
-    this.ground.clear();
-    const metres = Math.max(1, Math.ceil(extent));
-    const spacing = metres > 20 ? 10 : metres > 4 ? 1 : 0.5;
-    const edge = Math.ceil(metres / spacing) * spacing;
+    const size = all.getSize(new three.Vector3());
+    this.extent = Math.max(size.length(), 1);
+    const metres = Math.max(least, 0.55 * Math.max(size.x, size.y));
+    const spacing = Math.max(0.5, round_down(metres / 4));
+    const lines = Math.ceil(metres / spacing) + 1;
     const line = style_colour('--grid');
-    const grid = new three.GridHelper(2 * edge, Math.round((2 * edge) / spacing), line, line);
+    const grid = new three.GridHelper(2 * lines * spacing, 2 * lines, line, line);
     grid.rotation.x = Math.PI / 2;
-    grid.position.z = height - 0.001;
+    const centre = all.getCenter(new three.Vector3());
+    grid.position.set(Math.round(centre.x / spacing) * spacing, Math.round(centre.y / spacing) * spacing, all.min.z - 0.001);
+    this.ground.clear();
     this.ground.add(grid);
     this.invalidate();
   }
 
-  /// Puts everything within the box into view.
-  look_at(box: three.Box3): void {
-    const centre = box.getCenter(new three.Vector3());
-    const half = box.getSize(new three.Vector3()).multiplyScalar(0.5).max(new three.Vector3(0.15, 0.15, 0.15));
-    const back = new three.Vector3(0.95, -1.15, 0.6).normalize();
-    const right = new three.Vector3().crossVectors(this.camera.up, back).normalize();
-    const up = new three.Vector3().crossVectors(back, right);
-    const slope = Math.tan((this.camera.fov * Math.PI) / 360);
-    let distance = 0; // at which each corner is inside the picture
-    for (let k = 0; k < 8; ++k) {
-      const corner = new three.Vector3(k & 1 ? half.x : -half.x, k & 2 ? half.y : -half.y, k & 4 ? half.z : -half.z);
-      const aside = Math.max(Math.abs(corner.dot(up)), Math.abs(corner.dot(right)) / this.camera.aspect);
-      distance = Math.max(distance, corner.dot(back) + (1.08 * aside) / slope);
-    }
-    this.camera.position.copy(centre).addScaledVector(back, distance);
+  /// Robots, the ways of their tips and what is near them come into view.
+  look_at(robots: three.Vector3[][], ways: three.Vector3[], bodies: three.Vector3[][][]): void {
+    this.aim(aim_at(robots, ways, bodies, this.camera.aspect, this.slope));
+  }
+
+  private get slope(): number {
+    return Math.tan((this.camera.fov * Math.PI) / 360);
+  }
+
+  /// Position of the camera and the point that it looks at, m.
+  get view(): number[] {
+    return [...this.camera.position.toArray(), ...this.controls.target.toArray()];
+  }
+  set view([x, y, z, ...target]: number[]) {
+    this.aim({ position: new three.Vector3(x, y, z), target: new three.Vector3(...target) });
+    this.chosen = true;
+  }
+
+  private aim({ position, target }: Aim): void {
+    const distance = position.distanceTo(target);
+    this.span = 2 * this.slope * distance;
+    this.camera.position.copy(position);
     this.camera.near = distance / 100;
-    this.camera.far = distance * 20;
+    this.camera.far = 20 * Math.max(distance, this.extent);
     this.camera.updateProjectionMatrix();
-    this.controls.target.copy(centre);
+    this.controls.target.copy(target);
     this.controls.update();
     this.invalidate();
   }

@@ -44,6 +44,11 @@ export class Browser {
     const { targetId } = await this.#send('Target.createTarget', { url: 'about:blank' }, false);
     this.#session = (await this.#send('Target.attachToTarget', { targetId, flatten: true }, false)).sessionId;
     for (const domain of ['Page', 'Runtime', 'Network', 'Log']) await this.#send(`${domain}.enable`);
+    await this.look(width, height, dark);
+  }
+
+  /// The size of the window, and whether its user likes dark pages.
+  async look(width, height, dark) {
     await this.#send('Emulation.setDeviceMetricsOverride', { width, height, deviceScaleFactor: 1, mobile: false });
     await this.#send('Emulation.setEmulatedMedia', { features: [{ name: 'prefers-color-scheme', value: dark ? 'dark' : 'light' }] });
   }
@@ -77,6 +82,9 @@ export class Browser {
 
   /// Opens a file and waits until it is ready: the page of `cotwin view`, also if it has failed. Returns the milliseconds from the start of loading.
   async open(url, ready = "document.documentElement?.dataset.ready === 'true' || document.querySelector('.failure') !== null") {
+    // From the same file with another #, the browser would not load it again.
+    await this.#send('Page.navigate', { url: 'about:blank' });
+    await this.until("location.href === 'about:blank'");
     this.errors.length = this.requests.length = 0;
     const begin = Date.now();
     await this.#send('Page.navigate', { url });

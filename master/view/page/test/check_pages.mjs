@@ -1,7 +1,8 @@
 // check_pages.mjs CHROMIUM PLAN.json [FOLDER]: opens pages in Chromium and compares them with what a plan expects. Writes one line per failure and
 // ends with 1 if there is one. FOLDER: for screenshots. The plan is a list of
-//   { file, size?, dark?, title?, figures?, seeks?: [{ t, figures?: [{ bodies, tip }], bodies?: { name: matrix }, tools?: { name on robot 0: matrix, or null for hidden }, plots?: { name: values }, lights?: { name: zone } }],
-//     profile?: [coordinates of all points of profiles, with the last one of seeks], cues?: [ids that have data], lacking?: [ids], remarks?: [texts], words?: [texts, with these cues on], colours?: least number in the 3D view, keys?: true, themes?: true, zoom?: name of a plot, frames? }
+//   { file, size?, dark?, title?, figures?, seeks?: [{ t, figures?: [{ bodies, tip }], bodies?: { name: matrix }, tools?: { name on robot 0: matrix, or null for hidden }, plots?: { name: values }, texts?: { name: legend }, lights?: { name: zone } }],
+//     profile?: [coordinates of all points of profiles, with the last one of seeks], cues?: [ids that have data], lacking?: [ids], remarks?: [texts], words?: [texts, with these cues on], colours?: least number in the 3D view, keys?: true, themes?: true, zoom?: name of a plot, frames?,
+//     first?: number of robots that are large at first sight, on a screen and on a phone, near?: [name of a body, t] that is in view then, legend?: entries of the first legend, arrows?: key of a cue, hash?: true }
 import { readFileSync, writeFileSync } from 'node:fs';
 import { join } from 'node:path';
 import { pathToFileURL } from 'node:url';
@@ -58,6 +59,7 @@ async function look(browser, step) {
     else near(found, pose, `t = ${step.t}: tool ${name}`);
   }
   const shown = await browser.evaluate('cotwin.plot_values()');
+  for (const [name, texts] of Object.entries(step.texts ?? {})) check(JSON.stringify(shown[name]) === JSON.stringify(texts), `t = ${step.t}: the plot of ${name} shows ${shown[name]}, expected ${texts}`);
   for (const [name, values] of Object.entries(step.plots ?? {})) {
     values.forEach((value, i) => {
       const text = shown[name]?.[i];
@@ -160,13 +162,144 @@ async function use_mouse(browser, name) {
   check(JSON.stringify(await range()) === JSON.stringify([from, to]), '0 does not show the whole recording');
 }
 
+/// Functions of the page for what is seen of it.
+const kSight = `(() => {
+  const { camera, scene } = cotwin.stage;
+  camera.updateMatrixWorld();
+  scene.updateMatrixWorld(true);
+  /// Least and largest coordinates on the screen, from -1 to 1, of an object's points.
+  const seen = (object) => {
+    const [low, high] = [[Infinity, Infinity], [-Infinity, -Infinity]];
+    object.traverseVisible((part) => {
+      const points = part.geometry?.attributes.position;
+      for (let i = 0; i < (points?.count ?? 0); ++i) {
+        const [x, y] = camera.position.clone().fromBufferAttribute(points, i).applyMatrix4(part.matrixWorld).project(camera).toArray();
+        [low[0], low[1], high[0], high[1]] = [Math.min(low[0], x), Math.min(low[1], y), Math.max(high[0], x), Math.max(high[1], y)];
+      }
+    });
+    return { low, high, height: (high[1] - low[1]) / 2 };
+  };
+  /// The texts that an axis cuts off, when all plots draw again.
+  const cut = () => {
+    const texts = [];
+    const write = CanvasRenderingContext2D.prototype.fillText;
+    CanvasRenderingContext2D.prototype.fillText = function (text, x, y) {
+      const { a, d, e, f } = this.getTransform();
+      const { actualBoundingBoxLeft: left, actualBoundingBoxRight: right, actualBoundingBoxAscent: up, actualBoundingBoxDescent: down } = this.measureText(text);
+      const box = [a * (x - left) + e, a * (x + right) + e, d * (y - up) + f, d * (y + down) + f];
+      texts.push({ text, inside: box[0] >= -0.5 && box[1] <= this.canvas.width + 0.5 && box[2] >= -0.5 && box[3] <= this.canvas.height + 0.5 });
+      return write.call(this, text, x, y);
+    };
+    for (const plot of cotwin.plots) plot.build();
+    return new Promise((resolve) => setTimeout(() => { CanvasRenderingContext2D.prototype.fillText = write; resolve({ count: texts.length, cut: texts.filter(({ inside }) => !inside).map(({ text }) => text) }); }, 50));
+  };
+  return { seen, cut };
+})()`;
+
+/// What a page must be like when it is opened, at the present size of the window.
+async function look_at_first(browser, page, is_phone) {
+  const where = is_phone ? 'on a phone' : 'on a screen';
+  const robots = await browser.evaluate(`(() => { const { seen } = ${kSight}; return cotwin.figures.map((view) => seen(view.main.group)); })()`);
+  check(robots.length === page.first, `${robots.length} robots are shown, expected ${page.first}`);
+  for (const [i, { low, high, height }] of robots.entries())
+    check(height >= 0.2 && Math.max(...high) <= 1 && Math.min(...low) >= -1, `${where} robot ${i + 1} has ${(100 * height).toFixed(1)} % of the view's height, from ${low} to ${high}, expected 20 % and all of it`);
+  if (page.near) {
+    const [name, t] = page.near;
+    const at = await browser.evaluate(`(() => { cotwin.seek(${t}); cotwin.show(); const { seen } = ${kSight}; const found = seen(cotwin.bodies.find((view) => view.body.name === '${name}').group); cotwin.seek(cotwin.player.begin); return found; })()`);
+    check(Math.max(...at.high) <= 1 && Math.min(...at.low) >= -1, `${where} body ${name} is from ${at.low} to ${at.high} at ${t} s, expected within the view`);
+  }
+  const ground = await browser.evaluate(`(() => { const all = new cotwin.all.constructor(); for (const point of cotwin.whole()) all.expandByPoint(point); const grid = new cotwin.all.constructor().setFromObject(cotwin.stage.ground); return { low: all.min.z - grid.max.z, beside: Math.min(all.min.x - grid.min.x, all.min.y - grid.min.y, grid.max.x - all.max.x, grid.max.y - all.max.y) }; })()`);
+  // On a plane of the scene its lines are 1 mm higher.
+  check(ground.low >= -0.0011 && ground.beside >= 0, `the ground is ${ground.low} m below and ${ground.beside} m beside what is on it`);
+  const labels = await browser.evaluate(`(() => { const { cut } = ${kSight}; return cut(); })()`);
+  check(labels.count > 3 * (page.plots ?? 1) && labels.cut.length === 0, `${where} ${labels.cut.length} of ${labels.count} labels are cut: ${labels.cut.join(' ')}`);
+  const legends = await browser.evaluate("cotwin.plots.map((plot) => [...plot.box.querySelectorAll('.entry:not(.more)')].filter((entry) => !entry.hidden).length)");
+  check(Math.max(0, ...legends) <= 8 && (page.legend === undefined || legends[0] === page.legend), `legends have ${legends} entries`);
+  const heights = await browser.evaluate("cotwin.plots.map((plot) => plot.box.querySelector('.chart').offsetHeight)");
+  check(new Set(heights).size <= 1, `plots have the heights ${heights}`);
+  const wide = await browser.evaluate("[...document.querySelectorAll('#app, #app > *, .top > *, .line > *')].filter((box) => box.getBoundingClientRect().right > innerWidth + 0.5 || box.getBoundingClientRect().bottom > innerHeight + 0.5).map((box) => box.className || box.tagName)");
+  const scroll = await browser.evaluate('[document.documentElement.scrollWidth - innerWidth, document.documentElement.scrollHeight - innerHeight]');
+  check(wide.length === 0 && Math.max(...scroll) <= 0, `${where} the page scrolls by ${scroll} pixels; beyond the window are: ${wide.join(', ')}`);
+  if (is_phone) {
+    await browser.evaluate("document.querySelector('#cues').open = true");
+    const small = await browser.evaluate("[...document.querySelectorAll('button, select, summary, label, input')].map((part) => [part, part.getBoundingClientRect()]).filter(([, box]) => box.width > 0 && Math.min(box.width, box.height) < 23.99).map(([part, box]) => `${part.textContent || part.type} ${box.width} x ${box.height}`)");
+    check(small.length === 0, `targets smaller than 24 pixels: ${small.join(', ')}`);
+  }
+  if (page.arrows !== undefined) {
+    await browser.key(page.arrows);
+    await browser.drawn();
+    const arrows = await browser.evaluate(`(() => { const { seen } = ${kSight}; const found = []; cotwin.stage.scene.traverseVisible((part) => { if (part.children.length === 2 && part.children[1].geometry?.type === 'ConeGeometry') found.push(seen(part).height); }); return found; })()`);
+    check(found_arrows(arrows), `${where} arrows have ${arrows} of the view's height, expected a third at most`);
+    await browser.key(page.arrows);
+  }
+  await browser.key('?');
+  const help = await browser.evaluate("(() => { const dialog = document.querySelector('dialog'); const box = dialog.getBoundingClientRect(); return { top: dialog.querySelector('h2').getBoundingClientRect().top - box.top, scroll: dialog.scrollTop, left: box.left, right: innerWidth - box.right, broken: [...dialog.querySelectorAll('td:first-child')].filter((cell) => { const range = document.createRange(); range.selectNodeContents(cell); return new Set([...range.getClientRects()].map((line) => line.top)).size > 1; }).map((cell) => cell.textContent) }; })()");
+  check(help.scroll === 0 && help.top >= 0 && help.top < 60 && Math.min(help.left, help.right) >= 0 && help.broken.length === 0, `${where} the help opens as ${JSON.stringify(help)}`);
+  await browser.evaluate("document.querySelector('dialog').close()");
+}
+/// There are some, and a third of the view is the longest; their heads are seen from any side.
+const found_arrows = (heights) => heights.length > 0 && Math.max(...heights) > 0.05 && Math.max(...heights) <= 0.36;
+
+/// Space plays after a click on a cue, and presses what Tab has reached.
+async function click_and_play(browser) {
+  const { x, y } = await browser.evaluate("(() => { const { left, top, height } = document.querySelector('.cue label:not(.lacking)').getBoundingClientRect(); return { x: left + 5, y: top + height / 2 }; })()");
+  await browser.mouse('mousePressed', x, y);
+  await browser.mouse('mouseReleased', x, y);
+  await browser.until('cotwin.shown.size === 1');
+  await browser.key(' ');
+  check(await browser.evaluate('cotwin.player.playing && cotwin.shown.size === 1'), 'Space does not play after a click on a cue');
+  await browser.key(' ');
+  await browser.key('Tab');
+  await browser.evaluate("document.querySelector('.cue input:checked').focus()");
+  await browser.key(' ');
+  check(await browser.evaluate('!cotwin.player.playing && cotwin.shown.size === 0'), 'Space does not press a check box that Tab has reached');
+}
+
+/// A link opens the same view; a bad one opens the page as it is at first.
+async function follow_links(browser, url) {
+  const state = "JSON.stringify({ t: +cotwin.time.toFixed(6), cues: [...cotwin.shown].sort(), plots: cotwin.plots.map((plot) => plot.key), range: [cotwin.range.from, cotwin.range.to].map((t) => +t.toFixed(6)), camera: cotwin.stage.view.map((x) => +x.toFixed(6)) })";
+  await browser.open(url);
+  const first = await browser.evaluate(state);
+  await browser.evaluate("cotwin.plots[0].box.querySelector('header button').click()");
+  const cue = await browser.evaluate("document.querySelector('.cue label:not(.lacking) kbd').textContent");
+  const { x, y } = await browser.evaluate("(() => { const { left, top, width, height } = document.querySelector('canvas').getBoundingClientRect(); return { x: left + width / 2, y: top + height / 2 }; })()");
+  await browser.mouse('mousePressed', x, y);
+  await browser.mouse('mouseMoved', x + 90, y + 30);
+  await browser.mouse('mouseReleased', x + 90, y + 30);
+  await browser.key(cue);
+  await browser.evaluate('cotwin.seek(cotwin.player.begin + 0.37 * (cotwin.player.end - cotwin.player.begin))');
+  await browser.key('[');
+  await browser.until("cotwin.shown.size === 1 && location.hash.includes('range=')");
+  const [here, link] = [await browser.evaluate(state), await browser.evaluate('location.href')];
+  check(here !== first && /camera=/.test(link), `the view did not change: ${link}`);
+  await browser.open(link);
+  const there = await browser.evaluate(state);
+  check(there === here, `${link} opens ${there}, expected ${here}`);
+  for (const bad of ['#t=x&camera=1,2&cues=none&plot=none&range=2,1', '#%', '#t=&camera=NaN,0,0,0,0,0', '#<script>hacked=1</script>']) {
+      await browser.open(url + bad);
+    const opened = await browser.evaluate(state);
+    check(opened === first, `${bad} opens ${opened}, expected ${first}`);
+  }
+}
+
+const browser = await Browser.start(chromium);
 for (const [index, page] of plan.entries()) {
   place = page.file.split('/').slice(-2).join('/');
-  const [width, height] = page.size ?? [1280, 800];
-  const browser = await Browser.start(chromium, { width, height, dark: page.dark === true });
   try {
-    const ms = await browser.open(pathToFileURL(page.file).href);
-    if (page.figures_of_speed) console.log(`${place}: ready after ${ms} ms`);
+    if (page.hash) {
+      await follow_links(browser, pathToFileURL(page.file).href);
+      await click_and_play(browser);
+    }
+    for (const is_phone of page.first === undefined ? [] : [true, false]) {
+      await browser.look(...(is_phone ? [390, 844, true] : [1400, 900, false]));
+      await browser.open(pathToFileURL(page.file).href);
+      await look_at_first(browser, page, is_phone);
+    }
+    let ms = 0;
+    if (page.first === undefined) {
+      await browser.look(...(page.size ?? [1280, 800]), page.dark === true);
+      ms = await browser.open(pathToFileURL(page.file).href);
+    }
     check(await browser.evaluate("document.querySelector('.failure') === null"), `the page says: ${await browser.evaluate("document.querySelector('.failure')?.textContent ?? ''")}`);
     if (page.title !== undefined) {
       const heading = await browser.evaluate("document.querySelector('h1').textContent");
@@ -201,9 +334,8 @@ for (const [index, page] of plan.entries()) {
     if (folder) writeFileSync(join(folder, `page_${index + 1}.png`), await browser.screenshot());
   } catch (error) {
     check(false, error instanceof Error ? error.message : String(error));
-  } finally {
-    await browser.close();
   }
 }
+await browser.close();
 console.log(failures === 0 ? `${plan.length} pages are as expected` : `${failures} failures`);
 process.exit(failures === 0 ? 0 : 1);

@@ -1,19 +1,21 @@
 // Tests without a browser: unpacking, decimation, kinematics, time.
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
-import { Color, Matrix4, Vector3, type InstancedMesh } from 'three';
+import { Box3, Color, Matrix4, Vector3, type InstancedMesh } from 'three';
 import { Instances } from '../source/instances';
-import { round_down, usual_largest } from '../source/cues';
+import { usual_largest } from '../source/cues';
 import { Extremes, decimate } from '../source/decimate';
-import { short } from '../source/dom';
+import { round_down, short, tick_labels } from '../source/dom';
 import { Shown } from '../source/figures';
-import type { Robot, Visual } from '../source/format';
+import { element_name, type Robot, type Visual } from '../source/format';
+import { aim_at, corners_of } from '../source/framing';
 import { Mechanism, frame_pose, reach_of } from '../source/kinematics';
+import { read_view, write_view } from '../source/link';
 import { without_images } from '../source/meshes';
 import { from_base64, integers, long_integers, numbers } from '../source/packed';
 import { Player } from '../source/player';
 import { RecordedMatrices } from '../source/matrices';
-import { between, last_not_above, type Recording } from '../source/recording';
+import { Scales, between, last_not_above, type Recording } from '../source/recording';
 import { mass_along, principal_of, principal_of_product, quadratic } from '../source/symmetric';
 
 /// The bytes of integers as master/view/packer.cpp writes them: differences of an order, sign in the lowest bit, low bytes first.
@@ -223,9 +225,90 @@ test('rows are found by time, and a gap takes the number beside it', () => {
 });
 
 test('numbers for people', () => {
-  assert.deepEqual([0, 1234.56, 0.00012345, -7, NaN, -Infinity].map(short), ['0', '1235', '1.234e-4', '-7.000', 'NaN', '-∞']);
+  const texts: [number, string][] = [
+    [0, '0'], [-0, '0'], [1234.56, '1235'], [-7, '-7.000'], [12345.6, '12346'], [99999.4, '1.000e5'], [1e5, '1.000e5'], [0.001, '0.001000'], [0.00099999, '0.001000'],
+    [-0.0005, '-5.000e-4'], [5e-6, '5.000e-6'], [1e-300, '1.000e-300'], [-1e300, '-1.000e300'], [NaN, 'NaN'], [Infinity, '∞'], [-Infinity, '-∞'],
+  ];
+  for (const [x, text] of texts) assert.equal(short(x), text);
+  for (let power = -300; power <= 300; ++power) {
+    for (const head of [1, -1.2345, 9.9999, 9.99951]) {
+      const text = short(head * 10 ** power);
+      assert.ok(Math.abs(Number(text) / (head * 10 ** power) - 1) < 6e-4 && text.length <= 11, text);
+    }
+  }
   assert.deepEqual([1, 4.9, 0.07, 600].map(round_down), [1, 2, 0.05, 500]);
   assert.equal(usual_largest([NaN, -1]), 1);
+});
+
+test('ticks of an axis are told apart, and have their signs and exponents', () => {
+  const lists: [number[], string[]][] = [
+    [[-5e-6, 0, 5e-6], ['-5e-6', '0', '5e-6']],
+    [[-0.001, -0.0005, 1e-19, 0.0005], ['-0.001', '-5e-4', '0', '5e-4']],
+    [[0, 2.5, 5, 7.5, 10, 12.5], ['0', '2.5', '5', '7.5', '10', '12.5']],
+    [[10.1234567, 10.1234568], ['10.1234567', '10.1234568']],
+    [[50000, 100000, 150000], ['50000', '1e5', '1.5e5']],
+    [[0.1, 0.2, 0.30000000000000004], ['0.1', '0.2', '0.3']],
+    [[-1e300, 1e300], ['-1e300', '1e300']],
+    [[1e-300], ['1e-300']],
+    [[0], ['0']],
+    [[], []],
+  ];
+  for (const [ticks, texts] of lists) assert.deepEqual(tick_labels(ticks), texts);
+  for (let power = -40; power <= 38; ++power) {
+    const texts = tick_labels([0, 1, 2, 3].map((k) => 10 ** power * (1 + 0.25 * k)));
+    assert.equal(new Set(texts).size, 4, texts.join());
+  }
+});
+
+test('elements have the names of joints, axes or numbers', () => {
+  const names = (name: string, unit: string, count: number, joints?: string[]): string => [...Array(count).keys()].map((i) => element_name({ name, unit, count, ...(joints && { joints }) }, i)).join(' ');
+  assert.equal(names('drive.q', 'rad', 3, ['a', 'b', 'c']), 'a b c');
+  assert.equal(names('world.block.p', 'm', 3), 'x y z');
+  assert.equal(names('world.block.quat', '1', 4), 'w x y z');
+  assert.equal(names('monitor.normal', '1', 3), 'x y z');
+  assert.equal(names('world.contact_f', 'N', 6), '1 x 1 y 1 z 2 x 2 y 2 z');
+  for (const [name, unit] of [['log.q', ''], ['drive.q', 'rad'], ['hand.K_h', 'N/m'], ['hand.x', 'm'], ['indices.kin_v_lengths', 'm/s'], ['ask.mass', 'kg']] as const) assert.equal(names(name, unit, 3), '[1] [2] [3]');
+});
+
+test('what is rounding beside the largest number of its unit is 0, and nothing else is', () => {
+  const scales = new Scales({ N: 8.9, m: 1e12, rad: 3, '1': 1e5, s: 60 });
+  assert.equal(scales.text(-1.3e-13, 'N.m'), '0'); // torques come from forces
+  assert.equal(scales.text(5e-6, 'N.m'), '5.000e-6');
+  assert.equal(scales.text(5e-6, 'm'), '5.000e-6'); // 1e12 is no length
+  assert.equal(scales.text(1e-10, 'm'), '0');
+  for (const unit of ['s', '1', '', 'W']) assert.equal(scales.text(1e-12, unit), '1.000e-12');
+  scales.note('W', NaN);
+  scales.note('W', -1000);
+  assert.equal(scales.text(1e-7, 'W'), '0');
+});
+
+test('a link opens the view that it was made of, and what is bad in it is left out', () => {
+  const view = { t: 2.5, range: [1, 3.25], camera: [1, -2, 0.5, 0, 0, 1e-3], cues: ['ghosts', 'mass'], plots: ['drive.q', 'a,b&c=#%'] };
+  assert.deepEqual(read_view(`#${write_view(view)}`), view);
+  assert.deepEqual(read_view(`#${write_view({ plots: [''] })}`), { plots: [''] });
+  assert.equal(write_view({}), '');
+  for (const bad of ['', '#', '#%', '#%E0%A4%A', '#t=', '#t=x', '#t=NaN', '#t=Infinity', '#t=1e300', '#t=1,2', '#range=3,1', '#range=1', '#camera=1,2,3', '#camera=1,1,1,1,1,1', '#camera=1,,1,1,1,2', '#hello', `#${'x'.repeat(1e5)}`]) assert.deepEqual(read_view(bad), {}, bad);
+  assert.deepEqual(read_view('#t=x&cues=limits&range=0,2'), { range: [0, 2], cues: ['limits'] });
+});
+
+test('the camera has all robots in view, and what is near them', () => {
+  const cube = (x: number, y: number, z: number, half: number): Vector3[] => corners_of(new Box3(new Vector3(x - half, y - half, z - half), new Vector3(x + half, y + half, z + half)));
+  const slope = Math.tan(Math.PI / 9);
+  for (const [aspect, place] of [[0.85, 0], [1.05, 1.2], [2.4, 3]] as const) {
+    const [robots, near, far] = [[cube(0, 0, 0.5, 0.5), cube(place, 0.1, 0.5, 0.5)], cube(0.2, -1, 0.2, 0.2), cube(40, 3, 1, 2)];
+    const { position, target } = aim_at(robots, [], [[near], [far]], aspect, slope);
+    const back = position.clone().sub(target).normalize();
+    const right = new Vector3(0, 0, 1).cross(back).normalize();
+    const up = back.clone().cross(right);
+    const inside = (points: Vector3[]): boolean => points.every((point) => {
+      const way = point.clone().sub(position);
+      const depth = -way.dot(back);
+      return depth > 0 && Math.abs(way.dot(right)) <= depth * slope * aspect && Math.abs(way.dot(up)) <= depth * slope;
+    });
+    assert.ok(inside(robots.flat()) && inside(near) && !inside(far), `${aspect}`);
+  }
+  const { position, target } = aim_at([cube(1, 2, 3, 0)], [], [], 1, slope);
+  assert.ok(Math.abs(position.distanceTo(target) - 0.3) < 1e-9 && target.distanceTo(new Vector3(1, 2, 3)) < 1e-9);
 });
 
 test('images are taken out of glTF, so that nothing is loaded', () => {

@@ -1,0 +1,121 @@
+import * as three from 'three';
+
+/// The height of the smallest robot in that of the view, where that can be.
+const kLeastShare = 0.2;
+/// Where the camera is beside the robots: azimuths, and elevation, degrees.
+const kAzimuths = [-50, 50, -35, 35, -20, 20, -130, 130, -145, 145, -160, 160];
+const kElevation = 22;
+const kMostOthers = 300;
+/// The edge beside what is in view, as a factor.
+const kEdge = 1.05;
+const kNearest = 0.3; // m
+const kUp = new three.Vector3(0, 0, 1);
+
+const is_plane = (object: three.Object3D): object is three.Mesh => object instanceof three.Mesh && (object.geometry as three.BufferGeometry).type === 'PlaneGeometry';
+
+export const corners_of = ({ min, max }: three.Box3): three.Vector3[] => [...Array(8).keys()].map((k) => new three.Vector3(k & 1 ? max.x : min.x, k & 2 ? max.y : min.y, k & 4 ? max.z : min.z));
+
+/// Corners in the world of the boxes of all that is visible of an object; planes have no size.
+export function visible_corners(object: three.Object3D): three.Vector3[] {
+  object.updateWorldMatrix(true, true);
+  const corners: three.Vector3[] = [];
+  object.traverseVisible((part) => {
+    const { geometry } = part as Partial<three.Mesh>;
+    if (geometry === undefined || is_plane(part)) return;
+    if (geometry.boundingBox === null) geometry.computeBoundingBox();
+    corners.push(...corners_of(geometry.boundingBox!).map((corner) => corner.applyMatrix4(part.matrixWorld)));
+  });
+  return corners;
+}
+
+export const visible_box = (object: three.Object3D): three.Box3 => new three.Box3().setFromPoints(visible_corners(object));
+
+/// The heights of the level planes of an object, m.
+export function heights_of_planes(object: three.Object3D): number[] {
+  object.updateWorldMatrix(true, true);
+  const heights: number[] = [];
+  object.traverseVisible((part) => {
+    const e = part.matrixWorld.elements;
+    if (is_plane(part) && Math.abs(e[10]) > 0.99) heights.push(e[14]);
+  });
+  return heights;
+}
+
+export interface Aim {
+  position: three.Vector3;
+  target: three.Vector3;
+}
+
+/// A camera with a direction, and the bounds of all that it has in view: of the four sides, and of the depth.
+class Fit {
+  private readonly right: three.Vector3;
+  private readonly up: three.Vector3;
+  private readonly slopes: [number, number];
+  bounds = Array<number>(6).fill(-Infinity);
+
+  /// `back`: from what is looked at to the camera; `slope`: of the upper side of the view.
+  constructor(
+    private readonly back: three.Vector3,
+    aspect: number,
+    slope: number,
+  ) {
+    this.right = new three.Vector3().crossVectors(kUp, back).normalize();
+    this.up = new three.Vector3().crossVectors(back, this.right);
+    this.slopes = [(slope * aspect) / kEdge, slope / kEdge];
+  }
+  private in_view(point: three.Vector3): [number, number, number] {
+    return [point.dot(this.right), point.dot(this.up), point.dot(this.back)];
+  }
+  /// The bounds with further points.
+  with(points: three.Vector3[]): number[] {
+    const [x, y] = this.slopes;
+    const bounds = [...this.bounds];
+    for (const point of points) {
+      const [r, u, b] = this.in_view(point);
+      [r + x * b, x * b - r, u + y * b, y * b - u, b, -b].forEach((bound, i) => (bounds[i] = Math.max(bounds[i]!, bound)));
+    }
+    return bounds;
+  }
+  /// How far along `back` the camera is.
+  depth([a, b, c, d] = this.bounds): number {
+    return Math.max((a! + b!) / (2 * this.slopes[0]), (c! + d!) / (2 * this.slopes[1]));
+  }
+  /// The height of points as a share of that of the view.
+  share(points: three.Vector3[], bounds: number[]): number {
+    const depth = this.depth(bounds);
+    const heights = points.map((point) => {
+      const [, u, b] = this.in_view(point);
+      return (u - (bounds[2]! - bounds[3]!) / 2) / (this.slopes[1] * kEdge * (depth - b));
+    });
+    return (Math.max(...heights) - Math.min(...heights)) / 2;
+  }
+  aim(): Aim {
+    const [a, b, c, d, near, far] = this.bounds as [number, number, number, number, number, number];
+    const middle = (near - far) / 2;
+    const target = this.right.clone().multiplyScalar((a - b) / 2).addScaledVector(this.up, (c - d) / 2).addScaledVector(this.back, middle);
+    return { target, position: target.clone().addScaledVector(this.back, Math.max(this.depth() - middle, kNearest)) };
+  }
+}
+
+/// Where the camera has robots and the ways of their tips in view, and of other bodies those places at which the robots stay large, the nearest ones
+/// first. Of the sides from which the robots are large enough it takes the first one with the most of the places of bodies that have several.
+export function aim_at(robots: three.Vector3[][], ways: three.Vector3[], bodies: three.Vector3[][][], aspect: number, slope: number): Aim {
+  const others = bodies.flatMap((places, body) => places.map((corners) => ({ corners, body })));
+  const framed = kAzimuths.map((azimuth) => {
+    const [a, e] = [azimuth, kElevation].map((degrees) => (degrees * Math.PI) / 180) as [number, number];
+    const fit = new Fit(new three.Vector3(Math.cos(e) * Math.cos(a), Math.cos(e) * Math.sin(a), Math.sin(e)), aspect, slope);
+    fit.bounds = fit.with([...robots.flat(), ...ways]);
+    const smallest = (bounds: number[]): number => Math.min(...robots.map((robot) => fit.share(robot, bounds)));
+    const least = Math.min(smallest(fit.bounds), kLeastShare);
+    let count = 0;
+    const nearest = others.map((other) => ({ ...other, depth: fit.depth(fit.with(other.corners)) })).sort((one, other) => one.depth - other.depth);
+    for (const { corners, body } of nearest.slice(0, kMostOthers)) {
+      const bounds = fit.with(corners);
+      if (smallest(bounds) < least) continue;
+      fit.bounds = bounds;
+      if (bodies[body]!.length > 1) ++count;
+    }
+    return { fit, least, count };
+  });
+  return framed.reduce((best, one) => (one.least > best.least + 0.01 || (one.least >= best.least && one.count > best.count) ? one : best)).fit.aim();
+}
