@@ -12,21 +12,21 @@ const cotwin = join(root, 'build/release/bin/cotwin');
 const folder = mkdtempSync(join(tmpdir(), 'cotwin_pictures_'));
 const kReady = "document.readyState === 'complete'"; // of pages without a script
 
-// cues: keys; t: time that is shown, s; report: heading of the report that is shown; file: in the results, in place of a page; only3d: without the panels, since the picture is small; closer: share of the distance that the camera moves on; from, to: the camera, and what it looks at
+// cues: keys; t: time that is shown, s; report: heading of the report that is shown; file: in the results, in place of a page; only3d: without the panels, since the picture is small; from, to: the camera, and what it looks at
 const pictures = [
   { name: 'view', scenario: '02_free_motion_lwr4/twin.ssd', cues: 'tm', t: 4, size: [1180, 700] },
-  { name: 'peg', scenario: '04_peg_in_hole/twin.ssd', cues: 'gt', t: 24.5, only3d: true, closer: 0.15 },
+  { name: 'peg', scenario: '04_peg_in_hole/twin.ssd', cues: 'gt', t: 24.5, only3d: true },
   { name: 'compliance', scenario: '07_cartesian_compliance/twin.ssd', cues: 'gs', t: 14.5, only3d: true },
-  { name: 'carrying', scenario: '10_cooperation/carrying.ssd', cues: 'ct', t: 9, only3d: true, closer: 0.2 },
-  { name: 'hulls', scenario: '20_safety_hulls/cell.ssd', cues: 'x', t: 2.6, only3d: true, closer: 0.15 },
+  { name: 'carrying', scenario: '10_cooperation/carrying.ssd', cues: 'ct', t: 9, only3d: true },
+  { name: 'hulls', scenario: '20_safety_hulls/cell.ssd', cues: 'x', t: 2.6, only3d: true },
   { name: 'shared_cell', scenario: '25_shared_cell/cell.ssd', cues: 'x', t: 6.5, only3d: true, from: [5, 1.6, 2.6], to: [1.3, -0.5, 0.4] },
-  { name: 'reaction', scenario: '21_reaction/reaction.ssd', cues: '', t: 6.7, only3d: true, closer: 0.3 },
-  { name: 'reactionless', script: '22_reactionless/run.sh', results: ['run'], cues: 't', t: 5, only3d: true, closer: 0.3 },
-  { name: 'latch', scenario: '23_latch/latch.ssd', cues: 'tc', t: 4.5, only3d: true, closer: 0.3 },
-  { name: 'servicing', script: '24_satellite_servicing/run.sh', results: ['run'], cues: 'g', t: 4.15, only3d: true, closer: 0.35 },
+  { name: 'reaction', scenario: '21_reaction/reaction.ssd', cues: '', t: 6.7, only3d: true },
+  { name: 'reactionless', script: '22_reactionless/run.sh', results: ['run'], cues: 't', t: 5, only3d: true },
+  { name: 'latch', scenario: '23_latch/latch.ssd', cues: 'tc', t: 4.5, only3d: true },
+  { name: 'servicing', script: '24_satellite_servicing/run.sh', results: ['run'], cues: 'g', t: 4.15, only3d: true },
   { name: 'insertion', script: '24_satellite_servicing/run.sh', results: ['run'], cues: 'g', t: 13.8, only3d: true, from: [1.4, -1.2, 1.5], to: [0.5, -0.1, 0.75] },
-  { name: 'corrected', script: '24_satellite_servicing/run.sh', results: ['corrected'], cues: 't', t: 4.15, only3d: true, closer: 0.35 },
-  { name: 'refused', scenario: '12_mes/refused.ssd', cues: 'xt', t: 1.065, only3d: true, closer: 0.35 },
+  { name: 'corrected', script: '24_satellite_servicing/run.sh', results: ['corrected'], cues: 't', t: 4.15, only3d: true },
+  { name: 'refused', scenario: '12_mes/refused.ssd', cues: 'xt', t: 1.065, only3d: true },
   { name: 'scanned_cell', scenario: '29_scanned_cell/cell.ssd', cues: 'x', t: 2.2, only3d: true, from: [-2.2, -2.4, 2.6], to: [0.5, 0.1, 0.8] },
   { name: 'scan_profile', scenario: '30_scan_the_cell/profile.ssd', cues: 'b', t: 4.4, only3d: true, from: [-0.9, -1.9, 2.1], to: [0.45, 0.15, 0.85] },
   { name: 'scan_the_cell', script: '30_scan_the_cell/run.sh', results: ['run'], cues: 'x', t: 2.2, only3d: true, from: [-1.1, -1.7, 2.1], to: [0.5, 0.1, 0.8] },
@@ -76,7 +76,6 @@ async function take(picture) {
     if (picture.live) await browser.until(`cotwin.time >= ${picture.t}`);
     else if (picture.t !== undefined) await browser.evaluate(`cotwin.seek(${picture.t})`);
     if (picture.from) await browser.evaluate(`cotwin.stage.controls.target.set(${picture.to}) && cotwin.stage.camera.position.set(${picture.from}) && cotwin.stage.controls.update()`);
-    if (picture.closer) await browser.evaluate(`cotwin.stage.camera.position.lerp(cotwin.stage.controls.target, ${picture.closer}) && cotwin.stage.controls.update()`);
     if (picture.report) await browser.evaluate(`[...document.querySelectorAll('h3')].find((heading) => heading.textContent.includes('${picture.report}')).scrollIntoView()`);
     const clip = picture.only3d ? await browser.evaluate("(() => { const { x, y, width, height } = document.querySelector('canvas').getBoundingClientRect(); return { x, y, width, height, scale: 1 }; })()") : undefined;
     await browser.drawn();

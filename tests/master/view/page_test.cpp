@@ -447,6 +447,23 @@ TEST_F(Page, ShowsMeshesAndLeavesOutWhatIsNone) {
   const json shown = {
       {"file", page("view.html")}, {"colours", 6}, {"remarks", json::array({"none.stl", "bad.stl is left out"})}};
   check(json::array({shown}));
+
+  // Two robots of one file, which differ, have its notes once.
+  folder_.write("two.urdf",
+                R"(<robot name="two"><link name="base"><visual><geometry><mesh filename="none.stl"/></geometry></visual></link>
+<link name="a"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="b"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="j" type="continuous"><parent link="base"/><child link="a"/><axis xyz="0 0 1"/></joint>
+<joint name="k" type="continuous"><parent link="a"/><child link="b"/><axis xyz="0 1 0"/></joint></robot>)");
+  folder_.write("two.ssd", R"(<?xml version="1.0"?>
+<SystemStructureDescription xmlns="http://ssp-standard.org/SSP1/SystemStructureDescription" version="1.0" name="two">
+  <System name="two"><Elements><Component name="whole" type="application/x-cotwin-unit" source="unit:drive_train?robot=two.urdf"/>
+  <Component name="locked" type="application/x-cotwin-unit" source="unit:drive_train?robot=two.urdf&amp;lock=k:0"/></Elements></System>
+  <DefaultExperiment startTime="0" stopTime="0.01"/></SystemStructureDescription>)");
+  ASSERT_EQ(cotwin({"run", "two.ssd", "--out", "two", "--quiet"}).code, 0);
+  const std::string notes = cotwin({"view", "two", "--no-open"}).err;
+  EXPECT_THAT(notes, HasSubstr("none.stl"));
+  EXPECT_EQ(notes.find("none.stl"), notes.rfind("none.stl")) << notes;
 }
 
 TEST_F(Page, ThatIsNotThereIsAnErrorThatNamesWhatTheBuildLacked) {

@@ -1,11 +1,18 @@
 import * as three from 'three';
+import type { CloudView } from './clouds';
+import type { BodyView, FigureView } from './figures';
+import type { Recording } from './recording';
 
 /// The height of the smallest robot in that of the view, where that can be.
-const kLeastShare = 0.2;
+const kLeastShare = 0.205;
 /// Where the camera is beside the robots: azimuths, and elevation, degrees.
-const kAzimuths = [-50, 50, -35, 35, -20, 20, -130, 130, -145, 145, -160, 160];
+const kAzimuths = [-50, 50, -40, 40, -30, 30, -20, 20, -130, 130, -140, 140, -150, 150, -160, 160];
 const kElevation = 22;
+const kMore = 0.05; // of a body that moves
 const kMostOthers = 300;
+const kMostTimes = 20; // at which it is looked for where something is
+const kMostGround = 5; // sizes of what is in view at first
+const kThin = 1e-3; // m
 /// The edge beside what is in view, as a factor.
 const kEdge = 1.05;
 const kNearest = 0.3; // m
@@ -39,6 +46,13 @@ export function heights_of_planes(object: three.Object3D): number[] {
     if (is_plane(part) && Math.abs(e[10]) > 0.99) heights.push(e[14]);
   });
   return heights;
+}
+
+/// Points of robots, where they and their tips come to, and corners of other bodies at some places.
+export interface Seen {
+  robots: three.Vector3[][];
+  ways: three.Vector3[];
+  bodies: three.Vector3[][][];
 }
 
 export interface Aim {
@@ -97,25 +111,105 @@ class Fit {
   }
 }
 
+/// Whether one of the boxes hides the point from the eye.
+const hides = (box: three.Box3, point: three.Vector3, eye: three.Vector3): boolean => {
+  const hit = new three.Ray(eye, point.clone().sub(eye).normalize()).intersectBox(box, new three.Vector3());
+  return hit !== null && !box.containsPoint(point) && hit.distanceTo(eye) < point.distanceTo(eye);
+};
+
 /// Where the camera has robots and the ways of their tips in view, and of other bodies those places at which the robots stay large, the nearest ones
-/// first. Of the sides from which the robots are large enough it takes the first one with the most of the places of bodies that have several.
-export function aim_at(robots: three.Vector3[][], ways: three.Vector3[], bodies: three.Vector3[][][], aspect: number, slope: number): Aim {
-  const others = bodies.flatMap((places, body) => places.map((corners) => ({ corners, body })));
+/// first. It looks from the first side from which the robots are large enough, unless it sees more of bodies that move from another one, or bodies hide
+/// less of the robots.
+export function aim_at({ robots, ways, bodies }: Seen, aspect: number, slope: number): Aim {
+  const others = bodies.flatMap((places) => places.map((corners) => ({ corners, box: new three.Box3().setFromPoints(corners), moves: places.length > 1, share: 1 / places.length }))).filter(({ corners }) => corners.length > 0);
+  const centres = robots.map((robot) => new three.Box3().setFromPoints(robot).getCenter(new three.Vector3()));
   const framed = kAzimuths.map((azimuth) => {
     const [a, e] = [azimuth, kElevation].map((degrees) => (degrees * Math.PI) / 180) as [number, number];
     const fit = new Fit(new three.Vector3(Math.cos(e) * Math.cos(a), Math.cos(e) * Math.sin(a), Math.sin(e)), aspect, slope);
     fit.bounds = fit.with([...robots.flat(), ...ways]);
     const smallest = (bounds: number[]): number => Math.min(...robots.map((robot) => fit.share(robot, bounds)));
     const least = Math.min(smallest(fit.bounds), kLeastShare);
-    let count = 0;
-    const nearest = others.map((other) => ({ ...other, depth: fit.depth(fit.with(other.corners)) })).sort((one, other) => one.depth - other.depth);
-    for (const { corners, body } of nearest.slice(0, kMostOthers)) {
+    let seen = 0;
+    const nearest = others.map((other) => ({ ...other, depth: fit.depth(fit.with(other.corners)) })).sort((one, other) => one.depth - other.depth).slice(0, kMostOthers);
+    for (const { corners, moves, share } of nearest) {
       const bounds = fit.with(corners);
       if (smallest(bounds) < least) continue;
       fit.bounds = bounds;
-      if (bodies[body]!.length > 1) ++count;
+      if (moves) seen += share;
     }
-    return { fit, least, count };
+    const aim = fit.aim();
+    for (const { box, share } of nearest) seen -= share * centres.filter((centre) => hides(box, centre, aim.position)).length;
+    return { aim, least, seen };
   });
-  return framed.reduce((best, one) => (one.least > best.least + 0.01 || (one.least >= best.least && one.count > best.count) ? one : best)).fit.aim();
+  return framed.reduce((best, one) => (one.least > best.least + 0.01 || (one.least >= best.least && one.seen > best.seen + kMore) ? one : best)).aim;
+}
+
+const rests = (view: FigureView): boolean => view.figure.base_p === '';
+
+/// What there is around the robots.
+export class Surroundings {
+  constructor(
+    private readonly figures: FigureView[],
+    private readonly bodies: BodyView[],
+    private readonly clouds: CloudView[],
+    private readonly scenery: Recording,
+    private readonly now: () => number,
+  ) {}
+
+  /// What a camera should have in view when the page is opened; without robots all bodies.
+  at_first(): Seen {
+    const ways = this.figures.filter(rests).flatMap((view) => this.ways(view).flat());
+    const others = this.figures.filter((view) => !rests(view)).map((view) => this.ways(view));
+    return { robots: this.robots(), ways, bodies: [...others, ...this.places()] };
+  }
+  /// All that is visible now, and where robots that rest on something come to.
+  everything(): Seen {
+    return { robots: [this.whole()], ways: this.figures.filter(rests).flatMap((view) => this.ways(view).flat()), bodies: [] };
+  }
+  /// The box of all that is visible now and not far away. Its lower side is that of the ground: z = 0, or lower where something is below that.
+  above_ground(): three.Box3 {
+    const near = new three.Box3().setFromPoints([...this.robots().flat(), ...this.figures.filter(rests).flatMap((view) => this.ways(view).flat())]);
+    const most = kMostGround * near.getSize(new three.Vector3()).length();
+    const all = new three.Box3().setFromPoints(this.whole()).union(near).intersect(near.expandByScalar(most));
+    const planes = this.bodies.flatMap((view) => heights_of_planes(view.group));
+    all.min.z = Math.min(0, all.min.z, ...planes);
+    // The lines of the ground are on a plane, not hidden by it.
+    if (Math.min(...planes) <= all.min.z + kThin) all.min.z += 2 * kThin;
+    return all;
+  }
+  /// Corners of everything that is visible now.
+  whole(): three.Vector3[] {
+    const boxes = [...this.bodies, ...this.clouds].map((view) => view.box()).filter((box) => !box.isEmpty());
+    const corners = [...this.figures.flatMap((view) => visible_corners(view.group)), ...boxes.flatMap(corners_of)];
+    return corners.length > 0 ? corners : corners_of(new three.Box3(new three.Vector3(-0.5, -0.5, 0), new three.Vector3(0.5, 0.5, 1)));
+  }
+
+  private robots(): three.Vector3[][] {
+    const robots = this.figures.map((view) => visible_corners(view.main.group)).filter((corners) => corners.length > 0);
+    return robots.length > 0 ? robots : [corners_of(new three.Box3().setFromPoints(this.whole()))];
+  }
+  /// What `look` finds now and at some times of the recording.
+  private over_time(view: FigureView | BodyView, most: number, look: () => three.Vector3[]): three.Vector3[][] {
+    const { rows } = this.scenery;
+    const found = [look()];
+    for (let k = 0; k < Math.min(rows, most); ++k) {
+      const row = Math.round((k * (rows - 1)) / Math.max(1, most - 1));
+      view.place({ row, next: row, share: 0 }, this.scenery.time[row]!);
+      found.push(look());
+    }
+    view.place(this.scenery.place(this.now()), this.now());
+    return found;
+  }
+  /// Where robots are, and the ways of their tips.
+  private ways(view: FigureView): three.Vector3[][] {
+    const way = view.trail(view.main, this.scenery, 100);
+    const points = Array.from({ length: way.length / 3 }, (_, i) => [new three.Vector3(...way.subarray(3 * i))]);
+    return [...points, ...this.over_time(view, kMostTimes, () => visible_corners(view.main.group))];
+  }
+  /// Where bodies and clouds are.
+  private places(): three.Vector3[][][] {
+    const most = Math.min(kMostTimes, Math.ceil((50 * kMostTimes) / this.bodies.length));
+    const corners = (view: BodyView | CloudView): three.Vector3[] => (view.box().isEmpty() ? [] : corners_of(view.box()));
+    return [...this.clouds.map((view) => [corners(view)]), ...this.bodies.map((view) => this.over_time(view, view.moves ? most : 0, () => corners(view)))];
+  }
 }

@@ -11,7 +11,7 @@ import { button, element } from './dom';
 import { kRoles } from './colours';
 import { BodyView, FigureView, needed_signals } from './figures';
 import type { PageData, Signal, Visual } from './format';
-import { corners_of, heights_of_planes, visible_corners } from './framing';
+import { Surroundings } from './framing';
 import { reach_of } from './kinematics';
 import { read_view, write_view, type View } from './link';
 import { LiveRecording } from './live_recording';
@@ -49,9 +49,6 @@ const kRedraw = 50; // ms between two drawings of the plots meanwhile
 const kTexts = 150; // ms between two changes of the figures of cues meanwhile
 const kStill = 400; // ms without a new row, after which the picture rests
 
-const kMostTimes = 20; // at which it is looked for where a body is
-const kThin = 1e-3; // m
-const kMostGround = 5; // sizes of what is in view at first
 const kMostPlots = 20; // of a link
 const kRemember = 400; // ms between two changes of the URL
 
@@ -78,8 +75,8 @@ class Page {
   private clouds: CloudView[] = [];
   private readonly marks = new Marks();
   private cues: Cue[] = [];
-  /// All at first, above the ground.
-  private all = new three.Box3();
+  private surroundings!: Surroundings;
+  private ground = new three.Box3();
   private readonly scales: Scales;
   private readonly remarked = new Set<string>();
   private readonly shown = new Set<string>();
@@ -87,7 +84,6 @@ class Page {
   private readonly entries = new Map<string, { box: HTMLInputElement; text: HTMLElement }>();
   private plots: Plot[] = [];
   private first_plots: string[] = [];
-  private remembered = '';
   private readonly lights: Lights;
   private dirty = true;
   private last = 0;
@@ -161,6 +157,7 @@ class Page {
     if (live !== undefined) this.watch(live);
     this.listen();
     await this.restore(view);
+    this.remember();
     this.update();
     requestAnimationFrame((now) => this.frame(now));
   }
@@ -214,11 +211,15 @@ class Page {
     if (range !== undefined) this.range.set(range[0]!, range[1]!);
     if (t !== undefined) this.seek(t);
     this.draw_plots();
+  }
+  /// Keeps the view in the address. A link that is followed from this page loads it again.
+  private remember(): void {
     addEventListener('hashchange', () => location.reload());
+    let last = '';
     setInterval(() => {
       const hash = write_view(this.seen());
-      if (hash !== this.remembered) history.replaceState(null, '', `#${hash}`);
-      this.remembered = hash;
+      if (hash !== last) history.replaceState(null, '', `#${hash}`);
+      last = hash;
     }, kRemember);
   }
   /// What a link to the present view has.
@@ -261,7 +262,10 @@ class Page {
     this.slider.min = String(this.player.begin);
     this.slider.max = String(this.player.end);
     this.slider.addEventListener('input', () => this.seek(Number(this.slider.value)));
-    const panel = element('details', { class: 'panel', ...(matchMedia('(min-width: 821px)').matches && { open: '' }) }, element('summary', {}, 'Cues'));
+    const panel = element('details', { class: 'panel' }, element('summary', {}, 'Cues'));
+    // On a phone there is room for the plots only.
+    panel.open = matchMedia('(min-width: 821px)').matches;
+    if (live !== undefined) live.controls.values.open = panel.open;
     panel.id = 'cues';
     const side = element('div', { class: 'cues' }, panel);
     if (live !== undefined) side.append(live.controls.values, live.controls.events);
@@ -330,23 +334,15 @@ class Page {
     this.stage.scene.add(instances.group, ...[...this.figures, ...this.bodies, ...clouds].map((view) => view.group));
     const place = this.scenery.place(this.player.time);
     for (const view of [...this.figures, ...this.bodies]) view.place(place, this.player.time);
-    const robots = this.figures.map((view) => visible_corners(view.main.group)).filter((corners) => corners.length > 0);
-    const first = robots.length > 0 ? robots : [this.whole()];
-    const ways = this.ways(true);
-    this.stage.look_at(first, ways, [this.ways(false).map((point) => [point]), ...this.places()]);
-    // The ground is at z = 0, or lower where something is below that.
-    const near = new three.Box3().setFromPoints([...first.flat(), ...ways]);
-    const most = kMostGround * near.getSize(new three.Vector3()).length();
-    this.all = new three.Box3().setFromPoints(this.whole()).union(near).intersect(near.expandByScalar(most));
-    const planes = this.bodies.flatMap((view) => heights_of_planes(view.group));
-    this.all.min.z = Math.min(0, this.all.min.z, ...planes);
-    if (Math.min(...planes) <= this.all.min.z + kThin) this.all.min.z += 2 * kThin; // lines on it
+    this.surroundings = new Surroundings(this.figures, this.bodies, this.clouds, this.scenery, () => this.player.time);
+    this.stage.look_at(this.surroundings.at_first());
+    this.ground = this.surroundings.above_ground();
     this.dress();
     this.add_cues();
   }
 
   private dress(): void {
-    this.stage?.dress(this.all, Math.max(1.5, ...this.figures.map((view) => 1.2 * reach_of(view.robot))));
+    this.stage?.dress(this.ground, Math.max(1.5, ...this.figures.map((view) => 1.2 * reach_of(view.robot))));
   }
 
   private add_cues(): void {
@@ -440,40 +436,10 @@ class Page {
     }
   }
 
-  /// The ways of tips, of robots whose base rests or of the others.
-  private ways(rests: boolean): three.Vector3[] {
-    return this.figures.filter((view) => (view.figure.base_p === '') === rests).flatMap((view) => {
-      const way = view.trail(view.main, this.scenery, 100);
-      return Array.from({ length: way.length / 3 }, (_, i) => new three.Vector3(...way.subarray(3 * i)));
-    });
-  }
-  /// Where clouds and bodies are, and come to.
-  private places(): three.Vector3[][][] {
-    const { rows } = this.scenery;
-    const times = Math.min(rows, kMostTimes, Math.ceil((50 * kMostTimes) / this.bodies.length));
-    const of = (view: BodyView): three.Box3[] => {
-      const boxes = [view.box()];
-      for (let k = 1; view.moves && k < times; ++k) {
-        const row = Math.round((k * (rows - 1)) / (times - 1));
-        view.place({ row, next: row, share: 0 });
-        boxes.push(view.box());
-      }
-      view.place(this.scenery.place(this.player.time));
-      return boxes;
-    };
-    const all = [...this.clouds.map((view) => [view.box()]), ...this.bodies.map(of)];
-    return all.map((boxes) => boxes.filter((box) => !box.isEmpty()).map(corners_of));
-  }
-  /// Corners of everything that is visible now.
-  private whole(): three.Vector3[] {
-    const boxes = [...this.bodies, ...this.clouds].map((view) => view.box()).filter((box) => !box.isEmpty());
-    const corners = [...this.figures.flatMap((view) => visible_corners(view.group)), ...boxes.flatMap(corners_of)];
-    return corners.length > 0 ? corners : corners_of(new three.Box3(new three.Vector3(-0.5, -0.5, 0), new three.Vector3(0.5, 0.5, 1)));
-  }
   private view_all(): void {
     if (this.stage === undefined) return;
     this.stage.chosen = true;
-    this.stage.look_at([this.whole()], this.ways(true), []);
+    this.stage.look_at(this.surroundings.everything());
   }
 
   private show_help(): void {

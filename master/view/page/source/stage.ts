@@ -2,7 +2,7 @@ import * as three from 'three';
 import { OrbitControls } from 'three/examples/jsm/controls/OrbitControls.js';
 import { style_colour } from './colours';
 import { round_down } from './dom';
-import { aim_at, type Aim } from './framing';
+import { aim_at, type Aim, type Seen } from './framing';
 
 /// Whether the processor draws, without a graphics card: smooth edges would cost it most of its time.
 function draws_in_software(): boolean {
@@ -66,8 +66,8 @@ export class Stage {
   }
 
   /// Robots, the ways of their tips and what is near them come into view.
-  look_at(robots: three.Vector3[][], ways: three.Vector3[], bodies: three.Vector3[][][]): void {
-    this.aim(aim_at(robots, ways, bodies, this.camera.aspect, this.slope));
+  look_at(seen: Seen): void {
+    this.aim(aim_at(seen, this.camera.aspect, this.slope));
   }
 
   private get slope(): number {

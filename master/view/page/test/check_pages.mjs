@@ -208,7 +208,7 @@ async function look_at_first(browser, page, is_phone) {
     const at = await browser.evaluate(`(() => { cotwin.seek(${t}); cotwin.show(); const { seen } = ${kSight}; const found = seen(cotwin.bodies.find((view) => view.body.name === '${name}').group); cotwin.seek(cotwin.player.begin); return found; })()`);
     check(Math.max(...at.high) <= 1 && Math.min(...at.low) >= -1, `${where} body ${name} is from ${at.low} to ${at.high} at ${t} s, expected within the view`);
   }
-  const ground = await browser.evaluate(`(() => { const all = new cotwin.all.constructor(); for (const point of cotwin.whole()) all.expandByPoint(point); const grid = new cotwin.all.constructor().setFromObject(cotwin.stage.ground); return { low: all.min.z - grid.max.z, beside: Math.min(all.min.x - grid.min.x, all.min.y - grid.min.y, grid.max.x - all.max.x, grid.max.y - all.max.y) }; })()`);
+  const ground = await browser.evaluate(`(() => { const all = new cotwin.ground.constructor(); for (const point of cotwin.surroundings.whole()) all.expandByPoint(point); const grid = new cotwin.ground.constructor().setFromObject(cotwin.stage.ground); return { low: all.min.z - grid.max.z, beside: Math.min(all.min.x - grid.min.x, all.min.y - grid.min.y, grid.max.x - all.max.x, grid.max.y - all.max.y) }; })()`);
   // On a plane of the scene its lines are 1 mm higher.
   check(ground.low >= -0.0011 && ground.beside >= 0, `the ground is ${ground.low} m below and ${ground.beside} m beside what is on it`);
   const labels = await browser.evaluate(`(() => { const { cut } = ${kSight}; return cut(); })()`);
@@ -300,6 +300,7 @@ for (const [index, page] of plan.entries()) {
       await browser.look(...(page.size ?? [1280, 800]), page.dark === true);
       ms = await browser.open(pathToFileURL(page.file).href);
     }
+    if (page.figures_of_speed) console.log(`${place}: ready after ${ms} ms`);
     check(await browser.evaluate("document.querySelector('.failure') === null"), `the page says: ${await browser.evaluate("document.querySelector('.failure')?.textContent ?? ''")}`);
     if (page.title !== undefined) {
       const heading = await browser.evaluate("document.querySelector('h1').textContent");

@@ -296,7 +296,7 @@ test('the camera has all robots in view, and what is near them', () => {
   const slope = Math.tan(Math.PI / 9);
   for (const [aspect, place] of [[0.85, 0], [1.05, 1.2], [2.4, 3]] as const) {
     const [robots, near, far] = [[cube(0, 0, 0.5, 0.5), cube(place, 0.1, 0.5, 0.5)], cube(0.2, -1, 0.2, 0.2), cube(40, 3, 1, 2)];
-    const { position, target } = aim_at(robots, [], [[near], [far]], aspect, slope);
+    const { position, target } = aim_at({ robots, ways: [], bodies: [[near], [far]] }, aspect, slope);
     const back = position.clone().sub(target).normalize();
     const right = new Vector3(0, 0, 1).cross(back).normalize();
     const up = back.clone().cross(right);
@@ -307,7 +307,7 @@ test('the camera has all robots in view, and what is near them', () => {
     });
     assert.ok(inside(robots.flat()) && inside(near) && !inside(far), `${aspect}`);
   }
-  const { position, target } = aim_at([cube(1, 2, 3, 0)], [], [], 1, slope);
+  const { position, target } = aim_at({ robots: [cube(1, 2, 3, 0)], ways: [], bodies: [] }, 1, slope);
   assert.ok(Math.abs(position.distanceTo(target) - 0.3) < 1e-9 && target.distanceTo(new Vector3(1, 2, 3)) < 1e-9);
 });
 
