@@ -14,11 +14,11 @@ const kReady = "document.readyState === 'complete'"; // of pages without a scrip
 
 // cues: keys; t: time that is shown, s; report: heading of the report that is shown; file: in the results, in place of a page; only3d: without the panels, since the picture is small; from, to: the camera, and what it looks at
 const pictures = [
-  { name: 'view', scenario: '02_free_motion_lwr4/twin.ssd', cues: 'tm', t: 4, size: [1180, 700] },
+  { name: 'view', scenario: '02_free_motion_lwr4/twin.ssd', cues: 'tm', t: 10, size: [1180, 700] },
   { name: 'peg', scenario: '04_peg_in_hole/twin.ssd', cues: 'gt', t: 24.5, only3d: true },
   { name: 'compliance', scenario: '07_cartesian_compliance/twin.ssd', cues: 'gs', t: 14.5, only3d: true },
   { name: 'carrying', scenario: '10_cooperation/carrying.ssd', cues: 'ct', t: 9, only3d: true },
-  { name: 'hulls', scenario: '20_safety_hulls/cell.ssd', cues: 'x', t: 2.6, only3d: true },
+  { name: 'hulls', scenario: '20_safety_hulls/cell.ssd', cues: 'x', t: 2.6, only3d: true, from: [2.3, 2.2, 1.9], to: [0.75, 0, 0.72] },
   { name: 'shared_cell', scenario: '25_shared_cell/cell.ssd', cues: 'x', t: 6.5, only3d: true, from: [5, 1.6, 2.6], to: [1.3, -0.5, 0.4] },
   { name: 'reaction', scenario: '21_reaction/reaction.ssd', cues: '', t: 6.7, only3d: true },
   { name: 'reactionless', script: '22_reactionless/run.sh', results: ['run'], cues: 't', t: 5, only3d: true },

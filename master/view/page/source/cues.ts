@@ -97,10 +97,10 @@ class Ellipsoid {
   set(centre: three.Vector3, base: three.Matrix4, axes: [number, number, number][], lengths: number[], longest: number): boolean {
     this.group.visible = lengths.every((length) => length >= 0);
     if (!this.group.visible) return false;
-    const columns = axes.map((axis, i) => new three.Vector3(...axis).transformDirection(base).multiplyScalar(Math.min(Math.max(lengths[i]!, 1e-4), longest / 2)));
+    const columns = axes.map((axis, i) => new three.Vector3(...axis).transformDirection(base).multiplyScalar(Math.min(Math.max(lengths[i]!, 1e-4), longest)));
     this.group.matrix.makeBasis(columns[0]!, columns[1]!, columns[2]!).setPosition(centre);
     this.group.matrixWorldNeedsUpdate = true;
-    return lengths.some((length) => length > longest / 2);
+    return lengths.some((length) => length > longest);
   }
 }
 const shorter = (...cuts: boolean[]): string => (cuts.includes(true) ? ', drawn shorter' : '');

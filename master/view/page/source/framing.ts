@@ -86,6 +86,7 @@ class Fit {
     const bounds = [...this.bounds];
     for (const point of points) {
       const [r, u, b] = this.in_view(point);
+      if (!Number.isFinite(r + u + b)) continue;
       [r + x * b, x * b - r, u + y * b, y * b - u, b, -b].forEach((bound, i) => (bounds[i] = Math.max(bounds[i]!, bound)));
     }
     return bounds;
@@ -158,17 +159,18 @@ export class Surroundings {
 
   /// What a camera should have in view when the page is opened; without robots all bodies.
   at_first(): Seen {
-    const ways = this.figures.filter(rests).flatMap((view) => this.ways(view).flat());
+    const robots = this.figures.map((view) => visible_corners(view.main.group)).filter((corners) => corners.length > 0);
+    if (robots.length === 0) robots.push(corners_of(new three.Box3().setFromPoints(this.whole())));
     const others = this.figures.filter((view) => !rests(view)).map((view) => this.ways(view));
-    return { robots: this.robots(), ways, bodies: [...others, ...this.places()] };
+    return { robots, ways: this.ways_at_rest(), bodies: [...others, ...this.places()] };
   }
   /// All that is visible now, and where robots that rest on something come to.
   everything(): Seen {
-    return { robots: [this.whole()], ways: this.figures.filter(rests).flatMap((view) => this.ways(view).flat()), bodies: [] };
+    return { robots: [this.whole()], ways: this.ways_at_rest(), bodies: [] };
   }
-  /// The box of all that is visible now and not far away. Its lower side is that of the ground: z = 0, or lower where something is below that.
-  above_ground(): three.Box3 {
-    const near = new three.Box3().setFromPoints([...this.robots().flat(), ...this.figures.filter(rests).flatMap((view) => this.ways(view).flat())]);
+  /// The box of all that is visible now and not far from what is seen at first. Its lower side is that of the ground: z = 0, or lower where something is below that.
+  above_ground({ robots, ways }: Seen): three.Box3 {
+    const near = new three.Box3().setFromPoints([...robots.flat(), ...ways]);
     const most = kMostGround * near.getSize(new three.Vector3()).length();
     const all = new three.Box3().setFromPoints(this.whole()).union(near).intersect(near.expandByScalar(most));
     const planes = this.bodies.flatMap((view) => heights_of_planes(view.group));
@@ -184,9 +186,8 @@ export class Surroundings {
     return corners.length > 0 ? corners : corners_of(new three.Box3(new three.Vector3(-0.5, -0.5, 0), new three.Vector3(0.5, 0.5, 1)));
   }
 
-  private robots(): three.Vector3[][] {
-    const robots = this.figures.map((view) => visible_corners(view.main.group)).filter((corners) => corners.length > 0);
-    return robots.length > 0 ? robots : [corners_of(new three.Box3().setFromPoints(this.whole()))];
+  private ways_at_rest(): three.Vector3[] {
+    return this.figures.filter(rests).flatMap((view) => this.ways(view).flat());
   }
   /// What `look` finds now and at some times of the recording.
   private over_time(view: FigureView | BodyView, most: number, look: () => three.Vector3[]): three.Vector3[][] {

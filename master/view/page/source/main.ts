@@ -335,8 +335,9 @@ class Page {
     const place = this.scenery.place(this.player.time);
     for (const view of [...this.figures, ...this.bodies]) view.place(place, this.player.time);
     this.surroundings = new Surroundings(this.figures, this.bodies, this.clouds, this.scenery, () => this.player.time);
-    this.stage.look_at(this.surroundings.at_first());
-    this.ground = this.surroundings.above_ground();
+    const first = this.surroundings.at_first();
+    this.stage.look_at(first);
+    this.ground = this.surroundings.above_ground(first);
     this.dress();
     this.add_cues();
   }
