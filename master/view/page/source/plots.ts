@@ -169,7 +169,7 @@ export class Plot {
             stroke: kSeries[i % kSeries.length]!,
             width: 1.4,
             show: this.shown[i]!,
-            points: { show: false },
+            points: { show: this.recording.rows === 1 }, // a single row has no line
             ...(i >= kSeries.length ? { dash: [5, 3] } : {}),
           })),
         ],
