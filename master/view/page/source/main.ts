@@ -11,7 +11,6 @@ import { button, element } from './dom';
 import { kRoles } from './colours';
 import { BodyView, FigureView, needed_signals } from './figures';
 import type { PageData, Signal, Visual } from './format';
-import { Surroundings } from './framing';
 import { reach_of } from './kinematics';
 import { read_view, write_view, type View } from './link';
 import { LiveRecording } from './live_recording';
@@ -25,6 +24,7 @@ import { show_gateway } from './gateway';
 import { Plot, TimeWindow } from './plots';
 import { Joined, Recording, Scales } from './recording';
 import { Stage } from './stage';
+import { Surroundings } from './surroundings';
 
 /// So many notes are open at the beginning.
 const kMostOpenNotes = 2;
