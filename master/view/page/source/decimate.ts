@@ -1,21 +1,22 @@
+import type { Column } from './packed';
+
 /// Least and largest values of blocks of a column, so that a range of any length is drawn from few numbers.
 export class Extremes {
   private static readonly kBlock = 16;
-  private readonly low: Float32Array[] = [];
-  private readonly high: Float32Array[] = [];
+  private readonly low: Column[] = [];
+  private readonly high: Column[] = [];
 
   /// `grows`: the numbers change later, so that nothing is kept of blocks.
   constructor(
-    private readonly values: Float32Array,
+    private readonly values: Column,
     grows = false,
   ) {
     if (grows) return;
-    let low: Float32Array = values;
-    let high: Float32Array = values;
+    let low: Column = values;
+    let high: Column = values;
     while (low.length > Extremes.kBlock) {
       const blocks = Math.ceil(low.length / Extremes.kBlock);
-      const lower = new Float32Array(blocks);
-      const higher = new Float32Array(blocks);
+      const [lower, higher] = values instanceof Float64Array ? [new Float64Array(blocks), new Float64Array(blocks)] : [new Float32Array(blocks), new Float32Array(blocks)];
       for (let b = 0; b < blocks; ++b) {
         let least = Infinity;
         let largest = -Infinity;
@@ -72,7 +73,7 @@ export interface Drawn {
 
 /// The rows from `begin` to before `end`, as at most 2 · buckets points: all rows if they are so few, otherwise the least and the largest value of
 /// each bucket of rows, so that no peak is lost.
-export function decimate(time: Float64Array, columns: Extremes[], raw: Float32Array[], begin: number, end: number, buckets: number): Drawn {
+export function decimate(time: Float64Array, columns: Extremes[], raw: Column[], begin: number, end: number, buckets: number): Drawn {
   const t: number[] = [];
   const values: (number | null)[][] = columns.map(() => []);
   const rows = end - begin;

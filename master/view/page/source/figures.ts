@@ -5,6 +5,7 @@ import { Instances, type Member } from './instances';
 import type { Base, Body, Figure, PageData, Robot, Tool, Track, Visual } from './format';
 import { Mechanism, frame_pose, matrix_of } from './kinematics';
 import { matte } from './materials';
+import type { Column } from './packed';
 import { between, type Place, type Recording } from './recording';
 import { clean_shapes, looks_of, visual_object, type Meshes } from './shapes';
 
@@ -34,7 +35,7 @@ export class RecordedPose {
     const p = this.recording.values(this.p_signal);
     const quat = this.recording.values(this.quat_signal);
     if (quat?.length === 4) {
-      const [w, x, y, z] = quat as [Float32Array, Float32Array, Float32Array, Float32Array];
+      const [w, x, y, z] = quat as [Column, Column, Column, Column];
       this.a.set(x[place.row]!, y[place.row]!, z[place.row]!, w[place.row]!);
       this.b.set(x[place.next]!, y[place.next]!, z[place.next]!, w[place.next]!);
       const length = this.a.length();

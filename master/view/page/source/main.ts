@@ -318,7 +318,7 @@ class Page {
       load_meshes(data.meshes, this.numbers, (text) => this.remark(text)),
       Promise.all((data.clouds ?? []).map((cloud) => CloudView.make(cloud, this.numbers, this.marks))),
       ...visuals.map(async (visual) => {
-        if (visual.points !== undefined) points.set(visual, (await unpack(this.numbers, visual.points)) as Float32Array);
+        if (visual.points !== undefined) points.set(visual, Float32Array.from(await unpack(this.numbers, visual.points)));
       }),
     ]);
     this.stage = new Stage(this.canvas);

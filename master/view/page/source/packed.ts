@@ -68,14 +68,17 @@ export function long_integers(bytes: Uint8Array, count: number, order: number): 
   return values;
 }
 
+/// Numbers over time, with 64 bits where 32 would lose steps.
+export type Column = Float32Array | Float64Array;
+
 /// Returns the numbers of the bytes that were inflated.
-export function numbers(bytes: Uint8Array, packed: Packed): Float32Array | Float64Array {
+export function numbers(bytes: Uint8Array, packed: Packed): Column {
   const n = packed.count;
   if (bytes.length !== n * (packed.kind === 'whole' ? 7 : 4)) throw new Error(`a stream has ${bytes.length} bytes for ${n} numbers`);
   if (packed.kind === 'whole') return long_integers(bytes, n, packed.order);
   const k = integers(bytes, n, packed.order);
-  const values = new Float32Array(n);
   if (packed.kind === 'float') {
+    const values = new Float32Array(n);
     // The integers are in the order of the numbers: those of negative numbers are mirrored.
     const bits = new Int32Array(values.buffer);
     for (let i = 0; i < n; ++i) bits[i] = k[i]! < 0 ? k[i]! ^ 0x7fffffff : k[i]!;
@@ -83,11 +86,14 @@ export function numbers(bytes: Uint8Array, packed: Packed): Float32Array | Float
   }
   const least = packed.least ?? 0;
   const step = packed.step ?? 1;
+  // float32 has 24 bits: numbers that are far from 0 beside their steps, or huge, need more.
+  const far = Math.max(Math.abs(least), Math.abs(least + step * 2 ** 24));
+  const values = far > step * 2 ** 25 || far > 3e38 ? new Float64Array(n) : new Float32Array(n);
   for (let i = 0; i < n; ++i) values[i] = least + step * k[i]!;
   for (const [from, length, what] of packed.gaps ?? []) values.fill(what === 0 ? NaN : what * Infinity, from, from + length);
   return values;
 }
 
-export async function unpack(text: string, packed: Packed): Promise<Float32Array | Float64Array> {
+export async function unpack(text: string, packed: Packed): Promise<Column> {
   return numbers(await unpack_bytes(text, packed), packed);
 }

@@ -3,6 +3,7 @@ import { kSeries, style_colour } from './colours';
 import { Extremes, decimate } from './decimate';
 import { button, element, round_down, short, tick_labels } from './dom';
 import { element_name, type Signal } from './format';
+import type { Column } from './packed';
 import { kMostLargest, kNoise, last_not_above, type Recording, type Scales } from './recording';
 
 /// A legend has so many entries until it is opened.
@@ -85,13 +86,13 @@ export class Plot {
   private readonly largest: number;
   private chart: uPlot | undefined;
 
-  private readonly columns: Float32Array[];
+  private readonly columns: Column[];
 
   constructor(
     private readonly signal: Signal,
     private readonly unit: string,
     private readonly recording: Recording,
-    elements: { column: Float32Array; element: number }[],
+    elements: { column: Column; element: number }[],
     private readonly scales: Scales,
     private readonly range: TimeWindow,
     private readonly seek: (t: number) => void,

@@ -1,6 +1,6 @@
 import { short } from './dom';
 import type { Signal, Table } from './format';
-import { unpack } from './packed';
+import { unpack, type Column } from './packed';
 
 /// Index of the last of the first `count` elements that is not above x; 0 if all are. There is at least one element.
 export function last_not_above(sorted: ArrayLike<number>, x: number, count = sorted.length): number {
@@ -52,8 +52,8 @@ export class Scales {
 /// A table whose columns are unpacked when they are first needed. Times in s.
 export class Recording {
   time: Float64Array = new Float64Array(0);
-  private readonly columns = new Map<number, Float32Array>();
-  private readonly pending = new Map<number, Promise<Float32Array>>();
+  private readonly columns = new Map<number, Column>();
+  private readonly pending = new Map<number, Promise<Column>>();
   private readonly by_name = new Map<string, Signal>();
 
   constructor(
@@ -85,22 +85,22 @@ export class Recording {
     await Promise.all(Array.from({ length: signal.count }, (_, i) => this.column(signal.first + i)));
     return true;
   }
-  column(index: number): Promise<Float32Array> {
+  column(index: number): Promise<Column> {
     let found = this.pending.get(index);
     if (found === undefined) {
       found = unpack(this.text, this.table.columns[index]!).then((values) => {
-        this.columns.set(index, values as Float32Array);
-        return values as Float32Array;
+        this.columns.set(index, values);
+        return values;
       });
       this.pending.set(index, found);
     }
     return found;
   }
   /// The columns of a signal that was loaded; undefined otherwise.
-  values(name: string): Float32Array[] | undefined {
+  values(name: string): Column[] | undefined {
     const signal = this.signal(name);
     if (signal === undefined) return undefined;
-    const columns: Float32Array[] = [];
+    const columns: Column[] = [];
     for (let i = 0; i < signal.count; ++i) {
       const column = this.columns.get(signal.first + i);
       if (column === undefined) return undefined;
@@ -129,7 +129,7 @@ const kHeld = /\.(contact_p|contact_f|closed|zone|present|scale|ranges|p_scan|qu
 
 /// A recording with the signals that only another one has, at its own times.
 export class Joined extends Recording {
-  private readonly taken = new Map<string, Float32Array[]>();
+  private readonly taken = new Map<string, Column[]>();
 
   constructor(
     private readonly base: Recording,
@@ -148,23 +148,26 @@ export class Joined extends Recording {
     if (this.base.signal(name) !== undefined) return this.base.load(name);
     if (!(await this.other.load(name))) return false;
     const held = kHeld.test(name);
-    const at = (column: Float32Array, t: number): number => {
+    const at = (column: Column, t: number): number => {
       const place = this.other.place(t);
       return held ? column[place.share === 1 ? place.next : place.row]! : between(column, place);
     };
     this.taken.set(
       name,
-      this.other.values(name)!.map((column) => Float32Array.from(this.time, (t) => at(column, t))),
+      this.other.values(name)!.map((column) => {
+        const values = this.time.map((t) => at(column, t));
+        return column instanceof Float64Array ? values : Float32Array.from(values);
+      }),
     );
     return true;
   }
-  override values(name: string): Float32Array[] | undefined {
+  override values(name: string): Column[] | undefined {
     return this.base.signal(name) !== undefined ? this.base.values(name) : this.taken.get(name);
   }
 }
 
 /// The value of a column between two rows; that of the other row where one is not finite.
-export function between(column: Float32Array, { row, next, share }: Place): number {
+export function between(column: Column, { row, next, share }: Place): number {
   const a = column[row]!;
   const b = column[next]!;
   if (share === 0 || !Number.isFinite(b)) return a;

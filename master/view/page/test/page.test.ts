@@ -54,6 +54,11 @@ test('float32 comes back to the last bit, whatever its sign', () => {
 });
 
 test('a stream of another length is an error', () => {
+  // Far from 0 beside its steps, and beyond float32.
+  const steps = { at: 0, size: 0, count: 3, kind: 'steps', order: 0 } as const;
+  assert.deepEqual([...numbers(bytes_of([0, 1, 2], 0, 4), { ...steps, least: 1234.5, step: 2 ** -40 })], [1234.5, 1234.5 + 2 ** -40, 1234.5 + 2 ** -39]);
+  assert.deepEqual([...numbers(bytes_of([0, 0, 0], 0, 4), { ...steps, least: 1e300, step: 1 })], [1e300, 1e300, 1e300]);
+  assert.deepEqual(new Extremes(Float64Array.from({ length: 40 }, (_, i) => 1e300 * (i - 20))).range(0, 40), [-2e301, 1.9e301]);
   assert.throws(() => numbers(new Uint8Array(9), { at: 0, size: 0, count: 2, kind: 'steps', order: 0 }), /9 bytes for 2 numbers/);
 });
 
