@@ -4,8 +4,7 @@ import { kCues, kRoles } from './colours';
 import { Distances } from './distances';
 import { element, round_down, short } from './dom';
 import type { BodyView, FigureView, Shown } from './figures';
-import type { PageData } from './format';
-import { reach_of } from './kinematics';
+import type { PageData, Robot } from './format';
 import type { Matrices } from './matrices';
 import { matte } from './materials';
 import { Profiles } from './profiles';
@@ -26,6 +25,8 @@ export interface Scenery {
   scales: Scales;
   /// The length of an arrow, at most, m.
   longest: () => number;
+  /// Of the robot as cues draw it, m.
+  size: (robot: Robot) => number;
 }
 
 /// Something that can be switched on in the 3D view. `lacks`: what must be recorded for it, empty if it can be shown.
@@ -280,7 +281,7 @@ class Torques implements Cue {
       for (let joint = 0; joint < figure.robot.n; ++joint) {
         const ring = new three.Mesh(new three.BufferGeometry(), material);
         ring.matrixAutoUpdate = false;
-        this.rings.push({ figure, joint, ring, radius: 0.085 * reach_of(figure.robot), drawn: NaN });
+        this.rings.push({ figure, joint, ring, radius: 0.085 * this.s.size(figure.robot), drawn: NaN });
         this.group.add(ring);
       }
     }
@@ -357,8 +358,7 @@ class EffectiveMass implements Cue {
   build(): void {
     for (const figure of this.s.figures) {
       if (figure.figure.mobility === '') continue;
-      const reach = reach_of(figure.robot);
-      const part = { figure, ellipsoid: new Ellipsoid(this.colour), arrow: new Arrow(this.colour, 0.012 * reach), direction: new three.Vector3(0, 0, 1), scale: 1 };
+      const part = { figure, ellipsoid: new Ellipsoid(this.colour), arrow: new Arrow(this.colour, 0.012 * this.s.size(figure.robot)), direction: new three.Vector3(0, 0, 1), scale: 1 };
       this.parts.push(part);
       this.group.add(part.ellipsoid.group, part.arrow.group);
     }
@@ -368,7 +368,7 @@ class EffectiveMass implements Cue {
   refresh(): void {
     for (const part of this.parts) {
       const masses = this.s.calculated!.some(part.figure.figure.mobility, 500).map((matrix) => 1 / principal_of_product(matrix).values[1]);
-      part.scale = (0.16 * reach_of(part.figure.robot)) / usual_largest(masses);
+      part.scale = (0.16 * this.s.size(part.figure.robot)) / usual_largest(masses);
     }
   }
   show(on: boolean): void {
@@ -387,7 +387,7 @@ class EffectiveMass implements Cue {
       const mass = mass_along(mobility, u.toArray());
       const world = u.clone().transformDirection(figure.base);
       const arrow = part.arrow.set(centre, world.clone().multiplyScalar(Math.min(scale * mass, 2 * longest)), longest);
-      const unit = round_down((0.16 * reach_of(figure.robot)) / scale);
+      const unit = round_down((0.16 * this.s.size(figure.robot)) / scale);
       return [
         `${several(this.s.figures, figure)}${short(mass)} kg along ${world.toArray().map((x, i) => `${'xyz'[i]}\u00a0${x.toFixed(2)}`).join(', ')}${shorter(arrow)}`,
         `principal: ${values.map((value) => short(value > 0 ? 1 / value : Infinity)).reverse().join('  ')} kg${shorter(body)}; ${short(unit)} kg: ${short(unit * scale)} m`,
@@ -480,7 +480,7 @@ class Stiffness implements Cue {
   refresh(): void {
     for (const part of this.parts) {
       const middle = this.s.calculated!.some(part.figure.figure.stiffness.signals[0]!, 500).map((matrix) => principal_of(matrix).values[1]);
-      part.scale = (0.16 * reach_of(part.figure.robot)) / usual_largest(middle);
+      part.scale = (0.16 * this.s.size(part.figure.robot)) / usual_largest(middle);
     }
   }
   show(on: boolean): void {
@@ -492,7 +492,7 @@ class Stiffness implements Cue {
       if (stiffness === undefined) return [];
       const { values, axes } = principal_of(stiffness);
       const is_cut = ellipsoid.set(new three.Vector3().setFromMatrixPosition(figure.frame(figure.robot.tip)), figure.base, axes, values.map((value) => scale * Math.max(value, 0)), this.s.longest());
-      const unit = round_down((0.16 * reach_of(figure.robot)) / scale);
+      const unit = round_down((0.16 * this.s.size(figure.robot)) / scale);
       return [`${several(this.s.figures, figure)}${values.map((value) => short(value)).join('  ')} N/m${shorter(is_cut)}`, `${short(unit)} N/m: ${short(unit * scale)} m`];
     });
   }

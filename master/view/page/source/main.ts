@@ -10,7 +10,7 @@ import { cues_of, type Cue } from './cues';
 import { button, element } from './dom';
 import { kRoles } from './colours';
 import { BodyView, FigureView, needed_signals } from './figures';
-import type { PageData, Signal, Visual } from './format';
+import type { PageData, Robot, Signal, Visual } from './format';
 import { reach_of } from './kinematics';
 import { read_view, write_view, type View } from './link';
 import { LiveRecording } from './live_recording';
@@ -50,6 +50,7 @@ const kTexts = 150; // ms between two changes of the figures of cues meanwhile
 const kStill = 400; // ms without a new row, after which the picture rests
 
 const kMostPlots = 20; // of a link
+const kMostReach = 0.6; // heights of the view
 const kRemember = 400; // ms between two changes of the URL
 
 /// A run that goes on.
@@ -350,8 +351,9 @@ class Page {
     const { data, scenery: recording, figures, bodies } = this;
     if (this.live !== undefined) this.calculated = new LiveMatrices(recording, figures);
     const calculated = this.calculated;
-    const size = Math.max(0.3, ...figures.map((view) => reach_of(view.robot)));
-    this.cues = cues_of({ data, recording, calculated, figures, bodies, scene: this.stage.scene, marks: this.marks, scales: this.scales, longest: () => this.stage.span / 3 }, figures.length > 0 ? size : 1);
+    const size = (robot: Robot): number => Math.min(reach_of(robot), kMostReach * this.stage.span);
+    const scenery = { data, recording, calculated, figures, bodies, scene: this.stage.scene, marks: this.marks, scales: this.scales, longest: () => this.stage.span / 3, size };
+    this.cues = cues_of(scenery, figures.length > 0 ? Math.max(0.3, ...figures.map((view) => size(view.robot))) : 1);
     const panel = document.getElementById('cues')!;
     const keys = document.getElementById('keys')!;
     for (const cue of this.cues) {
