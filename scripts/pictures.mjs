@@ -18,7 +18,7 @@ const pictures = [
   { name: 'peg', scenario: '04_peg_in_hole/twin.ssd', cues: 'gt', t: 24.5, only3d: true },
   { name: 'compliance', scenario: '07_cartesian_compliance/twin.ssd', cues: 'gs', t: 14.5, only3d: true },
   { name: 'carrying', scenario: '10_cooperation/carrying.ssd', cues: 'ct', t: 9, only3d: true },
-  { name: 'hulls', scenario: '20_safety_hulls/cell.ssd', cues: 'x', t: 2.6, only3d: true, from: [2.3, 2.2, 1.9], to: [0.75, 0, 0.72] },
+  { name: 'hulls', scenario: '20_safety_hulls/cell.ssd', cues: 'x', t: 2.6, only3d: true, from: [2.7, 2.5, 2], to: [0.8, 0.05, 0.66] },
   { name: 'shared_cell', scenario: '25_shared_cell/cell.ssd', cues: 'x', t: 6.5, only3d: true, from: [5, 1.6, 2.6], to: [1.3, -0.5, 0.4] },
   { name: 'reaction', scenario: '21_reaction/reaction.ssd', cues: '', t: 6.7, only3d: true },
   { name: 'reactionless', script: '22_reactionless/run.sh', results: ['run'], cues: 't', t: 5, only3d: true },
