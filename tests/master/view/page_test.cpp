@@ -305,7 +305,7 @@ TEST_F(Page, IsTrueAtFirstSight) {
        {"drive.tau_J"});
   const fs::path log = folder_.write(
       "log.csv",
-      "t,q1,q2,small,far,huge,none\n1e5,0.1,0.2,-5e-6,1234567.25,-1e30,nan\n100001,0.1,0.2,5e-6,1234567.5,1e30,inf\n");
+      "t,q1,q2,small,far,huge,none\n1e5,nan,0.2,-5e-6,1234567.25,-1e30,nan\n100001,0.1,0.2,5e-6,1234567.5,1e30,inf\n");
   ASSERT_EQ(cotwin({"view", log.string(), "--robot", "planar2", "--no-open", "-o", page("log.html"), "--plot", "*"}).code, 0);
   plan.push_back(
       {{"file", page("log.html")},
@@ -313,6 +313,9 @@ TEST_F(Page, IsTrueAtFirstSight) {
        {"plots", 6},
        {"seeks",
         {{{"t", 1e5},
+          // Where the camera looked for the first joint, which has no number yet, it has not stayed.
+          {"figures",
+           json::array({poses_of(robot::load_urdf(root_ / "models/robots/planar2/robot.urdf"), Eigen::Vector2d(0, 0.2))})},
           {"texts", {{"small", {"-5.000e-6"}}, {"far", {"1.235e6"}}, {"huge", {"-1.000e30"}}, {"none", {"NaN"}}}}}}}});
   // Nothing but a plane.
   folder_.write("plane.sdf",

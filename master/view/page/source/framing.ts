@@ -54,6 +54,8 @@ export interface Aim {
   target: three.Vector3;
 }
 
+type Sides = [right: number, left: number, top: number, bottom: number, near: number, far: number];
+
 /// A camera with a direction, and the bounds of all that it has in view: of the four sides, and of the depth.
 class Fit {
   private readonly right: three.Vector3;
@@ -71,19 +73,18 @@ class Fit {
     this.up = new three.Vector3().crossVectors(back, this.right);
     this.slopes = [(slope * aspect) / kEdge, slope / kEdge];
   }
-  private in_view(point: three.Vector3): [number, number, number] {
-    return [point.dot(this.right), point.dot(this.up), point.dot(this.back)];
-  }
   /// The bounds with further points.
   with(points: three.Vector3[]): number[] {
     const [x, y] = this.slopes;
-    const bounds = [...this.bounds];
+    let [right, left, top, bottom, near, far] = this.bounds as Sides;
     for (const point of points) {
-      const [r, u, b] = this.in_view(point);
+      const [r, u, b] = [point.dot(this.right), point.dot(this.up), point.dot(this.back)];
       if (!Number.isFinite(r + u + b)) continue;
-      [r + x * b, x * b - r, u + y * b, y * b - u, b, -b].forEach((bound, i) => (bounds[i] = Math.max(bounds[i]!, bound)));
+      [right, left] = [Math.max(right, r + x * b), Math.max(left, x * b - r)];
+      [top, bottom] = [Math.max(top, u + y * b), Math.max(bottom, y * b - u)];
+      [near, far] = [Math.max(near, b), Math.max(far, -b)];
     }
-    return bounds;
+    return [right, left, top, bottom, near, far];
   }
   /// How far along `back` the camera is.
   depth([a, b, c, d] = this.bounds): number {
@@ -91,22 +92,23 @@ class Fit {
   }
   /// The height of points as a share of that of the view.
   share(points: three.Vector3[], bounds: number[]): number {
-    const depth = this.depth(bounds);
-    const heights = points.map((point) => {
-      const [, u, b] = this.in_view(point);
-      return (u - (bounds[2]! - bounds[3]!) / 2) / (this.slopes[1] * kEdge * (depth - b));
-    });
-    return (Math.max(...heights) - Math.min(...heights)) / 2;
+    const [depth, middle] = [this.depth(bounds), (bounds[2]! - bounds[3]!) / 2];
+    let [low, high] = [Infinity, -Infinity];
+    for (const point of points) {
+      const height = (point.dot(this.up) - middle) / (this.slopes[1] * kEdge * (depth - point.dot(this.back)));
+      [low, high] = [Math.min(low, height), Math.max(high, height)];
+    }
+    return (high - low) / 2;
   }
   aim(): Aim {
-    const [a, b, c, d, near, far] = this.bounds as [number, number, number, number, number, number];
+    const [a, b, c, d, near, far] = this.bounds as Sides;
     const middle = (near - far) / 2;
     const target = this.right.clone().multiplyScalar((a - b) / 2).addScaledVector(this.up, (c - d) / 2).addScaledVector(this.back, middle);
     return { target, position: target.clone().addScaledVector(this.back, Math.max(this.depth() - middle, kNearest)) };
   }
 }
 
-/// Whether one of the boxes hides the point from the eye.
+/// Whether the box hides the point from the eye.
 const hides = (box: three.Box3, point: three.Vector3, eye: three.Vector3): boolean => {
   const hit = new three.Ray(eye, point.clone().sub(eye).normalize()).intersectBox(box, new three.Vector3());
   return hit !== null && !box.containsPoint(point) && hit.distanceTo(eye) < point.distanceTo(eye);

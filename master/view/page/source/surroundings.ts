@@ -55,9 +55,10 @@ export class Surroundings {
   /// What `look` finds now and at some times of the recording.
   private over_time(view: FigureView | BodyView, most: number, look: () => three.Vector3[]): three.Vector3[][] {
     const { rows } = this.scenery;
+    const count = Math.min(rows, most);
     const found = [look()];
-    for (let k = 0; k < Math.min(rows, most); ++k) {
-      const row = Math.round((k * (rows - 1)) / Math.max(1, most - 1));
+    for (let k = 0; k < count; ++k) {
+      const row = Math.round((k * (rows - 1)) / Math.max(1, count - 1));
       view.place({ row, next: row, share: 0 }, this.scenery.time[row]!);
       found.push(look());
     }
@@ -68,7 +69,12 @@ export class Surroundings {
   private ways(view: FigureView): three.Vector3[][] {
     const way = view.trail(view.main, this.scenery, 100);
     const points = Array.from({ length: way.length / 3 }, (_, i) => [new three.Vector3(...way.subarray(3 * i))]);
-    return [...points, ...this.over_time(view, kMostTimes, () => visible_corners(view.main.group))];
+    const q = [...view.main.q];
+    const poses = this.over_time(view, kMostTimes, () => visible_corners(view.main.group));
+    // A joint without a number stays where it was, which must not be where it was looked for.
+    q.forEach((position, joint) => (view.main.q[joint] = position));
+    view.place(this.scenery.place(this.now()), this.now());
+    return [...points, ...poses];
   }
   /// Where bodies and clouds are.
   private places(): three.Vector3[][][] {
