@@ -229,11 +229,14 @@ TEST_F(HarmfulFmu, NeverEndsASearchInSilence) {
   EXPECT_THAT(searched.err, HasSubstr("component 'pump' at t = 0.5 s: harm2.fmu: fmi2DoStep: the process of the run exited"));
 }
 
-// The values before it was noticed cannot be trusted, but the run does not end as if nothing had happened.
+// The values before it was noticed cannot be trusted, but the run does not end as if nothing had happened. On one thread: threads
+// that share the units may wait for each other for ever when the memory by which they do is damaged.
 TEST_F(HarmfulFmu, MayNotDamageTheHeapInSilence) {
   if (kSanitized) GTEST_SKIP() << "its own heap is checked by the sanitizer";
   for (const std::string process : {"shared", "own"}) {
-    EXPECT_EQ(program(scenario(process, ""), "heap", "fmi2DoStep").code, 1) << process;
+    std::vector<std::string> on_one_thread = scenario(process, "");
+    on_one_thread.insert(on_one_thread.end(), {"--threads", "1"});
+    EXPECT_EQ(program(on_one_thread, "heap", "fmi2DoStep").code, 1) << process;
     EXPECT_EQ(run_fmu(process, "heap", "fmi2DoStep").code, 1) << process;
   }
 }
