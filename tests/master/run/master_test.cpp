@@ -164,8 +164,8 @@ TEST(Master, ANanEndsTheRunAndNamesItsSource) {
 // Unless nobody but a monitor hears it, who stops the robot for a body that is lost.
 TEST(Master, ANanOfASensorEndsTheRunOnlyWhereSomebodyElseHearsIt) {
   std::vector<UnitType> types(unit_types().begin(), unit_types().end());
-  types.push_back(*std::ranges::find(testing::test_types(), "faulty", &UnitType::name));
-  types.push_back(*std::ranges::find(testing::test_types(), "gain", &UnitType::name));
+  types.push_back(find_type("faulty", testing::test_types()));
+  types.push_back(find_type("gain", testing::test_types()));
   for (const bool others : {false, true}) {
     Build b;
     b.unit("f", "faulty").with("after", 0.004);
