@@ -30,6 +30,7 @@ export class Stage {
   private height = 0;
   /// Whether the camera is where the user or a link has put it.
   chosen = false;
+  private seen?: Seen;
   /// Edge of all that there is, m.
   private extent = 1;
   /// Height of the view that was chosen last, not by hand, at the point that the camera looks at, m.
@@ -44,6 +45,10 @@ export class Stage {
     this.scene.add(this.ground);
     new ResizeObserver(() => this.resize()).observe(canvas.parentElement ?? canvas);
     this.resize();
+    window.addEventListener('resize', () => {  // a phone is turned
+      this.resize();
+      if (!this.chosen && this.seen !== undefined) this.look_at(this.seen);
+    });
   }
 
   /// Sets background and ground to the colours of the style sheet. The ground is a grid below `all`, with whole metres or parts of them on its lines;
@@ -65,8 +70,9 @@ export class Stage {
     this.invalidate();
   }
 
-  /// Robots, the ways of their tips and what is near them come into view.
+  /// Robots, the ways of their tips and what is near them come into view, also when the window gets another size, until `chosen`.
   look_at(seen: Seen): void {
+    this.seen = seen;
     this.aim(aim_at(seen, this.camera.aspect, this.slope));
   }
 

@@ -196,13 +196,35 @@ const kSight = `(() => {
   return { seen, cut };
 })()`;
 
+/// All `count` robots are in the view, and large there.
+async function see_robots(browser, count, where) {
+  const robots = await browser.evaluate(`(() => { const { seen } = ${kSight}; return cotwin.figures.map((view) => seen(view.main.group)); })()`);
+  check(robots.length === count, `${robots.length} robots are shown, expected ${count}`);
+  for (const [i, { low, high, height }] of robots.entries())
+    check(height >= 0.2 && Math.max(...high) <= 1 && Math.min(...low) >= -1, `${where} robot ${i + 1} has ${(100 * height).toFixed(1)} % of the view's height, from ${low} to ${high}, expected 20 % and all of it`);
+}
+
+/// Robots stay large when the window gets another size, as long as nobody has moved the camera.
+async function turn_window(browser, count) {
+  const first = await browser.evaluate('cotwin.stage.view');
+  await browser.look(390, 844, false);
+  await browser.until('cotwin.stage.width <= 390');
+  await see_robots(browser, count, 'in a window that is a phone now');
+  await browser.look(1400, 900, false);
+  await browser.until('cotwin.stage.width > 390');
+  near(await browser.evaluate('cotwin.stage.view'), first, 'camera of a window that is a screen again', 1e-9);
+  await browser.evaluate('cotwin.stage.chosen = true');
+  await browser.look(390, 844, false);
+  await browser.until('cotwin.stage.width <= 390');
+  near(await browser.evaluate('cotwin.stage.view'), first, 'camera that was chosen, in another window', 1e-9);
+  await browser.look(1400, 900, false);
+  await browser.until('cotwin.stage.width > 390');
+}
+
 /// What a page must be like when it is opened, at the present size of the window.
 async function look_at_first(browser, page, is_phone) {
   const where = is_phone ? 'on a phone' : 'on a screen';
-  const robots = await browser.evaluate(`(() => { const { seen } = ${kSight}; return cotwin.figures.map((view) => seen(view.main.group)); })()`);
-  check(robots.length === page.first, `${robots.length} robots are shown, expected ${page.first}`);
-  for (const [i, { low, high, height }] of robots.entries())
-    check(height >= 0.2 && Math.max(...high) <= 1 && Math.min(...low) >= -1, `${where} robot ${i + 1} has ${(100 * height).toFixed(1)} % of the view's height, from ${low} to ${high}, expected 20 % and all of it`);
+  await see_robots(browser, page.first, where);
   if (page.near) {
     const [name, t] = page.near;
     const at = await browser.evaluate(`(() => { cotwin.seek(${t}); cotwin.show(); const { seen } = ${kSight}; const found = seen(cotwin.bodies.find((view) => view.body.name === '${name}').group); cotwin.seek(cotwin.player.begin); return found; })()`);
@@ -295,6 +317,7 @@ for (const [index, page] of plan.entries()) {
       await browser.open(pathToFileURL(page.file).href);
       await look_at_first(browser, page, is_phone);
     }
+    if (page.first !== undefined) await turn_window(browser, page.first);
     let ms = 0;
     if (page.first === undefined) {
       await browser.look(...(page.size ?? [1280, 800]), page.dark === true);
