@@ -88,12 +88,18 @@ void IoPorts::declare_output(Variables& v, const std::string& name, const std::s
   if (!empty()) v.output(name, values_, "1", what + ": " + names()).discrete();
 }
 
+void IoPorts::examine() {
+  using Kind = BelievedNumbers::Kind;
+  believed_.emplace();
+  for (const fri::Io& io : ios_) believed_->add(io.type == fri::Io::Type::kBoolean ? Kind::kState : Kind::kNumber);
+}
+
 void IoPorts::read(const fri::Few<fri::Io, fri::kMaxIos>& values) {
   for (const fri::Io& io : values.all()) {
     for (std::size_t i = 0; i < ios_.size(); ++i) {
       if (!(ios_[i].name == io.name) || ios_[i].type != io.type) continue;
       const double value = io.type == fri::Io::Type::kAnalog ? io.analog : static_cast<double>(io.digital);
-      if (std::isfinite(value)) values_[i] = value;
+      if (std::isfinite(value)) values_[i] = believed_ ? believed_->put(i, value) : value;
     }
   }
 }

@@ -1,11 +1,13 @@
 #pragma once
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "components/io/emulators/kuka/controller.h"
 #include "components/io/fri/client.h"
+#include "components/io/link/belief.h"
 #include "components/unit/settings.h"
 #include "components/unit/variables.h"
 
@@ -35,6 +37,8 @@ class IoPorts {
   bool empty() const { return values_.empty(); }
   void declare_input(Variables& v, const std::string& name, const std::string& what);
   void declare_output(Variables& v, const std::string& name, const std::string& what);
+  /// What read() takes may be damaged: what is believed of it is used (BelievedNumbers).
+  void examine();
   /// Takes those of the values that are in the list; the others keep what they have.
   void read(const fri::Few<fri::Io, fri::kMaxIos>& values);
   void write(fri::Few<fri::Io, fri::kMaxIos>& values) const;
@@ -44,6 +48,7 @@ class IoPorts {
 
   std::vector<fri::Io> ios_;
   std::vector<double> values_;  // 0 or 1 of booleans
+  std::optional<BelievedNumbers> believed_;
 };
 
 /// Statistics of a session as integers of a port: what has occurred so far.

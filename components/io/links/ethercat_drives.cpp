@@ -22,6 +22,7 @@ constexpr double kStood = 0.1;          // s within kStandsWithin after which an
 constexpr double kStandsWithin = 1e-3;  // rad
 constexpr double kOvershoot = 0.01;     // rad further out of the range than where it was when it began to follow
 constexpr double kMoves = 0.01;         // rad/s
+constexpr int kInARow = BelievedNumbers::kInARow;
 
 constexpr const char* kFell = "left Operation enabled by itself";
 constexpr const char* kHolds = "did not follow its target any more, or left its mode";
@@ -30,6 +31,10 @@ constexpr const char* kFaulty = "has a fault";
 constexpr const char* kNotEnabled = "was not enabled within enable_timeout (safe torque off, no mains voltage?)";
 constexpr const char* kBehind = "was further from its target than following_error_max";
 constexpr const char* kOutside = "stands outside of q_command_min to q_command_max";
+constexpr const char* kSpeedDisagrees =
+    "has a position that does not move as its speed says (one of them is damaged, or dq_scale is wrong)";
+constexpr const char* kSilent = "did not answer in time";
+constexpr const char* kBusLost = "the bus was not operational";
 constexpr const char* kJumped = "gave positions or speeds that no motion explains";
 
 std::int32_t signed_value(std::uint32_t value, std::size_t bits) {
@@ -49,22 +54,28 @@ std::int32_t rounded(double value, std::size_t bits) {
 Wish EtherCatDrives::wish(bool awaits) const {
   if (!drives()) return Wish::kOff;
   if (awaits || quick_stop_) return Wish::kStop;
-  return enable_ ? Wish::kOn : Wish::kOff;
+  return enable_ && (were_enabled_ || agrees()) ? Wish::kOn : Wish::kOff;
 }
 
 /// Whether something has happened after which drives must not move before somebody acknowledges it.
-bool EtherCatDrives::has_stopped() {
+bool EtherCatDrives::has_stopped(bool operational) {
   const auto stops = [&](const Drive& d, const char* reason) {
     stopped_by_ = reason;
     stopped_drive_ = &d;
     return true;
   };
-  if (blind_ && held_ && were_enabled_) return stops(doubted_drive(), kJumped);
+  const bool too_late = enabling_ > enable_timeout_;
+  if (!operational && (were_enabled_ || too_late)) {
+    stopped_missing_ = missing_;
+    stopped_silent_ = silent_;
+    return stops(doubted_drive(), !blind_ ? kBusLost : belief_.is_held() ? kJumped : kSilent);
+  }
+  if (too_late && !belief_.agrees()) return stops(doubted_drive(), kSpeedDisagrees);
   for (std::size_t k = 0; k < drives_.size(); ++k) {
     const Drive& d = drives_[k];
     const bool enabled = d.axis.state() == State::kOperationEnabled;
     if (d.axis.fell() || (were_enabled_ && !enabled)) return stops(d, kFell);
-    if (enabling_ > enable_timeout_ && !(enabled && takes_targets(d))) return stops(d, kNotEnabled);
+    if (too_late && !(enabled && takes_targets(d))) return stops(d, kNotEnabled);
     if (is_behind(k)) return stops(d, kBehind);
     if (leaves_range(k)) {
       describe_place(k);
@@ -136,6 +147,25 @@ bool EtherCatDrives::takes_targets(const Drive& d) const {
   return d.known && in_mode && (d.status_word & cia402::status::kFollows) != 0;
 }
 
+/// Whether a status word and mode are used. Towards motion they are, so that no drive waits; those that end a motion, or the search of a home, are in
+/// the third input in a row, because they may be damaged.
+bool EtherCatDrives::is_confirmed(Drive& d, std::uint16_t status_word, std::int32_t mode) const {
+  const auto decisive = [&](std::uint16_t word, std::int32_t shown) {
+    const State state = cia402::state_of(word);
+    const unsigned bits = d.homing.runs() ? cia402::status::kReached | cia402::status::kHomed | cia402::status::kHomingError
+                                          : cia402::status::kFollows;
+    return std::tuple(state, word & bits, shown);
+  };
+  const State state = d.axis.state();
+  const bool moves = state == State::kQuickStop || (state == State::kOperationEnabled && (follows_ || d.homing.runs()));
+  const bool same = decisive(status_word, mode) == decisive(d.status_word, d.mode_shown);
+  const bool asked = awaited_ && cia402::state_of(status_word) == State::kQuickStop;
+  if (same) d.unconfirmed += d.doubts;
+  const bool used = same || !moves || asked || ++d.doubts >= kInARow;
+  if (used) d.doubts = 0;
+  return used;
+}
+
 bool EtherCatDrives::all_enabled() const {
   return std::ranges::all_of(drives_,
                              [&](const Drive& d) { return d.axis.state() == State::kOperationEnabled && takes_targets(d); });
@@ -152,10 +182,10 @@ void EtherCatDrives::write(ethercat::Master& master, std::int64_t now, const Com
     for (Drive& d : drives_) d.axis.reset_fault();
   }
   if (quick_stop_ && drives()) acknowledgement.demand();
-  const bool on = wish(acknowledgement.awaits()) == Wish::kOn;
+  const bool on = drives() && enable_ && !quick_stop_ && !acknowledgement.awaits();
   advance_enabling(on, h);
   const Drive* const jumped = std::exchange(jumped_, nullptr);
-  if (on && (jumped != nullptr || has_stopped())) {
+  if (on && (jumped != nullptr || has_stopped(operational))) {
     ++stops_;
     if (jumped != nullptr) std::tie(stopped_drive_, stopped_by_) = std::tuple(jumped, kJumped);
     acknowledgement.demand();
@@ -170,7 +200,8 @@ void EtherCatDrives::write(ethercat::Master& master, std::int64_t now, const Com
                                           : 0;
   }
   const double interval = 1e-9 * static_cast<double>(master.output_interval(now));
-  choose_targets(command, h, interval, wanted == Wish::kOn && !homes() && all_enabled());
+  choose_targets(command, h, interval,
+                 wanted == Wish::kOn && !homes() && all_enabled() && (follows_ || enabled_inputs_ >= kInARow));
   for (std::size_t k = 0; k < drives_.size(); ++k) write_targets(master, k);
   write_outputs();
 }
@@ -198,7 +229,7 @@ void EtherCatDrives::advance_homing(bool may_home, double h) {
     if (!d.homing.is_active()) continue;
     d.homing.advance(static_cast<cia402::Mode>(d.mode_shown), d.status_word, profile_mode(), h);
     homed_[k] = d.homing.is_done();
-    jumps_.expect_jump();
+    belief_.expect_jump();
   }
 }
 
@@ -224,7 +255,8 @@ void EtherCatDrives::choose_targets(const Command& command, double h, double int
   // Two targets within a cycle of the drive would be twice the speed. Less than a hundredth of a cycle is left alone.
   if (mode_ == Mode::kPosition && interval < 0.99 * h) h = interval;
   if (h < kLeastStep) return;
-  synchronisation_.command(q_wanted_, {no_gain_, no_gain_, dq_command_max_, ddq_command_max_}, h);
+  const Synchronisation::Gains gains{no_gain_, no_gain_, dq_command_max_, ddq_command_max_};
+  pauses_ ? synchronisation_.rest(gains, h) : synchronisation_.command(q_wanted_, gains, h);
   for (std::size_t k = 0; k < drives_.size(); ++k) {
     Drive& d = drives_[k];
     q_target_[k] = synchronisation_.last()[k];
@@ -269,8 +301,13 @@ double EtherCatDrives::dq_scale_of(std::size_t k) const {
 void EtherCatDrives::wait(double h, double patience) {
   silent_ += h;
   elapsed_ += h;
+  ++missing_;
   const bool before = std::exchange(blind_, silent_ > patience);
-  if (blind_ && !before) jumps_.forget();
+  if (blind_ && !before) {
+    belief_.forget();
+    tau_.forget();
+    enabled_inputs_ = 0;
+  }
   if (blind_)
     for (Drive& d : drives_) d.axis.forget();
 }
@@ -294,23 +331,30 @@ bool EtherCatDrives::read(const ethercat::Master& master) {
     dq_read_[k] = d.velocity.bits != 0     ? dq_scale_of(k) * value(d, d.velocity)
                   : d.known && silent_ > 0 ? (q_read_[k] - q_[k]) / silent_
                                            : 0;
+    dq_given_[k] = d.velocity.bits != 0 ? dq_read_[k] : NAN;
+    tau_read_[k] = tau_scale_[k] * value(d, d.torque);
     // A speed from positions is one count per cycle or more, however slow the axis is.
-    possible = possible && (d.velocity.bits == 0 || jumps_.allows(k, dq_read_[k]));
+    possible = possible && (d.velocity.bits == 0 || belief_.allows(k, dq_read_[k]));
   }
-  const JumpDetector::Verdict verdict = jumps_.add(q_read_, std::exchange(elapsed_, 0), true, possible);
-  held_ = verdict == JumpDetector::Verdict::kHeld;
-  if (held_) return false;
-  const bool moves = verdict == JumpDetector::Verdict::kPlausible;
+  const Belief::Verdict verdict = belief_.add(q_read_, std::exchange(elapsed_, 0), true, possible);
+  if (belief_.is_held()) return false;
+  belief_.compare(q_read_, dq_given_, silent_, !were_enabled_);
+  if (const char* const why = tau_.add(tau_read_)) belief_.count_implausible(why);
+  const bool moves = verdict == Belief::Verdict::kPlausible;
   const auto way = [&](std::size_t k) { return std::abs(q_read_[k] - q_[k]); };
-  if (verdict == JumpDetector::Verdict::kJump) jumped_ = &doubted_drive();
+  if (verdict == Belief::Verdict::kJump) jumped_ = &doubted_drive();
+  pauses_ = false;
   for (std::size_t k = 0; k < drives_.size(); ++k) {
     Drive& d = drives_[k];
-    d.status_word = static_cast<std::uint16_t>(value(d, d.status));
-    d.mode_shown = value(d, d.mode_display);
-    d.error_code = value(d, d.error) & 0xffff;
-    d.torque_units = value(d, d.torque);
+    const auto status_word = static_cast<std::uint16_t>(value(d, d.status));
+    if (const std::int32_t mode = value(d, d.mode_display); is_confirmed(d, status_word, mode)) {
+      d.status_word = status_word;
+      d.mode_shown = mode;
+    }
+    pauses_ = pauses_ || d.doubts > 0;
+    d.error_code = static_cast<std::int32_t>(errors_.put(k, value(d, d.error) & 0xffff));
     const std::int64_t counts = counts_of(d);
-    if (!d.known || (!moves && way(k) > JumpDetector::kLargestJump)) d.last_counts.fill(counts);
+    if (!d.known || (!moves && way(k) > Belief::kLargestJump)) d.last_counts.fill(counts);
     d.last_counts = {d.last_counts[1], d.last_counts[2], counts};
     if (!d.known || d.homing.runs()) d.reference = counts;
     if (d.known && moves) d.reference += counts - d.counts;
@@ -323,7 +367,10 @@ bool EtherCatDrives::read(const ethercat::Master& master) {
     d.stood = moved ? 0 : d.stood + silent_;
   }
   last_elapsed_ = std::exchange(silent_, 0);
+  missing_ = 0;
   blind_ = false;
+  const auto enabled = [](const Drive& d) { return cia402::state_of(d.status_word) == State::kOperationEnabled; };
+  enabled_inputs_ = std::ranges::all_of(drives_, enabled) ? enabled_inputs_ + 1 : 0;
   return fresh_ = true;
 }
 
@@ -332,12 +379,12 @@ void EtherCatDrives::measure(Measured& measured, double dq_cutoff, double patien
   if (empty()) return;
   const bool fresh = std::exchange(fresh_, false);
   if (!place_outside_.empty() && !std::exchange(told_outside_, true)) measured.warn(place_outside_);
-  measured.has_tau = std::ranges::none_of(tau_scale_, [](double scale) { return scale == 0; });
+  measured.has_tau = tau_.known() && std::ranges::none_of(tau_scale_, [](double scale) { return scale == 0; });
   for (std::size_t k = 0; k < drives_.size(); ++k) {
     const Drive& d = drives_[k];
     const std::size_t j = d.joint;
     if (d.known) measured.q[j] = q_[k];
-    measured.tau[j] = tau_scale_[k] * d.torque_units;
+    measured.tau[j] = tau_.torque(k);
     if (silent_ > patience) {
       measured.dq[j] = measured.ddq[j] = 0;
     } else if (fresh && last_elapsed_ > 0) {
@@ -379,11 +426,21 @@ void EtherCatDrives::write_outputs() {
 }
 
 void EtherCatDrives::append_notes(std::vector<std::string>& sentences) const {
-  jumps_.append_notes(sentences, "input");
+  belief_.append_notes(sentences, "input");
+  for (const Drive& d : drives_) {
+    if (d.unconfirmed > 0)
+      sentences.push_back(text::counted(d.unconfirmed, "status word") + " of drive " + d.name +
+                          " not used, because the next ones differed");
+  }
   if (stops_ == 0) return;
   const bool outside = stopped_by_ == kOutside;
+  const std::string silent =
+      text::counted(stopped_missing_, "answer") + " did not come in time, for " + text::to_text(stopped_silent_, 3) + " s";
   sentences.push_back("the drives were stopped " + text::counted(stops_, "time") + ", last because " +
-                      (outside ? place_outside_ : "drive " + stopped_drive_->name + " " + stopped_by_) +
+                      (outside                   ? place_outside_
+                       : stopped_by_ == kSilent  ? silent
+                       : stopped_by_ == kBusLost ? kBusLost
+                                                 : "drive " + stopped_drive_->name + " " + stopped_by_) +
                       (outside && when_outside_ == Outside::kRefuse ? "; outside=return lets it move back" : ""));
 }
 

@@ -12,6 +12,7 @@
 #include "components/io/ethercat/cia402.h"
 #include "components/io/ethercat/master/master.h"
 #include "components/io/link/acknowledgement.h"
+#include "components/io/link/belief.h"
 #include "components/io/link/link.h"
 #include "components/io/links/synchronisation.h"
 #include "models/trajectory/axes.h"
@@ -27,10 +28,12 @@ namespace cotwin::io {
 ///   velocity   target = q̇ of that command + K_v (its position − q)
 ///   torque     target = tau_command, within its limit, with the soft start
 /// A rising edge of `home` makes a drive find its zero, as its objects 0x6098 and 0x6099 say, while the others hold.
-/// Nothing moves by itself. A drive is enabled with mode other than monitor while the input `enable` is on; all drives are enabled before one moves;
+/// Nothing moves by itself. A drive is enabled with mode other than monitor while the input `enable` is on, where its position moves as its speed says
+/// (Belief::compare(), of drives with 0x606C); all drives are enabled, in three inputs in a row, before one moves;
 /// a target begins where the drive is and stays there until then. Drives that are not enabled in time, a fault, a drive that leaves Operation enabled by
 /// itself, a jump of a position, one far from its target, the input quick_stop and a loss of the bus stop all drives (quick stop; drives that the bus
-/// does not reach stop by themselves) until `acknowledge` rises, which also resets faults, once.
+/// does not reach stop by themselves) until `acknowledge` rises, which also resets faults, once. While a single status word says that an enabled drive
+/// has left that state, or does not follow, its control word stays and targets come to rest; the third in a row is believed.
 class EtherCatDrives {
  public:
   /// `joints`: of the unit. `robot`: for the limits of torques; may be nullptr. `joint_of[i]`: joint of slave i, if it is a drive. Throws Error for
@@ -48,7 +51,11 @@ class EtherCatDrives {
   Link::Needs needs() const;
 
   /// Inputs that were not used.
-  std::int32_t implausible() const { return jumps_.implausible(); }
+  std::int32_t implausible() const { return belief_.implausible(); }
+  /// Whether nothing is known of the drives, for longer than `patience`; whether their last inputs were not used; whether positions and speeds agree.
+  bool is_blind() const { return blind_; }
+  bool is_held() const { return belief_.is_held(); }
+  bool agrees() const { return empty() || belief_.agrees(); }
   /// Whether the drives follow the commands.
   bool drives() const { return mode_ != Mode::kMonitor; }
   /// Writes the outputs of the next cycle, which is sent at `now` (ns, of the wire), and the safe ones: a quick stop. Demands an acknowledgement if a
@@ -58,7 +65,7 @@ class EtherCatDrives {
   /// Time between the frames whose answers have come last, s, before read(): nothing is known of the drives after `patience` without inputs that
   /// are used.
   void wait(double h, double patience);
-  /// Takes fresh inputs. Those that no motion explains are held (JumpDetector); returns whether they were used.
+  /// Takes fresh inputs. Those that no motion explains are held (Belief); returns whether they were used.
   bool read(const ethercat::Master& master);
   void measure(Measured& measured, double dq_cutoff, double patience);
   /// Instead of write(), at the end of a run: a quick stop. Whether a drive may still move.
@@ -98,12 +105,13 @@ class EtherCatDrives {
     std::int64_t reference =
         0;  // wraps are counted from here: it moves with the positions that a motion explains, and does not jump
     std::array<std::int64_t, 3>
-        last_counts{};        // their median is where a drive is that is switched on: one of them may be damaged
-    std::int64_t held = 0;    // target while it does not follow, counts
-    double speed = 0;         // rad/s
-    double torque_units = 0;  // of the drive
-    double stood_at = 0;      // rad
-    double stood = 0;         // s for which it has been near `stood_at`
+        last_counts{};             // their median is where a drive is that is switched on: one of them may be damaged
+    std::int64_t held = 0;         // target while it does not follow, counts
+    double speed = 0;              // rad/s
+    int doubts = 0;                // status words in a row that say that it does not move any more, and were not used
+    std::int32_t unconfirmed = 0;  // of those that the next one contradicted
+    double stood_at = 0;           // rad
+    double stood = 0;              // s for which it has been near `stood_at`
   };
 
   static Place find(const std::vector<ethercat::Channel>& channels, std::uint16_t object);
@@ -112,7 +120,8 @@ class EtherCatDrives {
   const char* missing(const Drive& d) const;
   cia402::Mode profile_mode() const;
   cia402::Wish wish(bool awaits) const;
-  bool has_stopped();
+  bool has_stopped(bool operational);
+  bool is_confirmed(Drive& d, std::uint16_t status_word, std::int32_t mode) const;
   void advance_homing(bool may_home, double h);
   bool homes() const;
   bool takes_targets(const Drive& d) const;
@@ -134,28 +143,35 @@ class EtherCatDrives {
   std::string place_;
   std::vector<Drive> drives_;
   Synchronisation synchronisation_;
-  JumpDetector jumps_;
+  Belief belief_;
+  BelievedTorques tau_;
+  BelievedNumbers errors_;
   Mode mode_ = Mode::kMonitor;
   Outside when_outside_ = Outside::kRefuse;
   std::span<const double> q_scale_, q_offset_;  // per joint of the unit
   bool awaited_ = false, follows_ = false, fresh_ = false;
   bool blind_ = false;                          // nothing is known of the drives
-  bool held_ = false;                           // the last inputs were not used
+  bool pauses_ = false;                         // a drive may not move any more, which is not confirmed
+  int enabled_inputs_ = 0;                      // in a row in which all drives were enabled
   const Drive* jumped_ = nullptr;               // since the last write()
   bool were_enabled_ = false;                   // all, since they were wished on
   double enabling_ = 0;                         // s for which they were wished on before that
   double cycle_ = 1e-3;                         // s
   double since_acknowledged_ = 0, silent_ = 0;  // s, since inputs that were used
   double elapsed_ = 0, last_elapsed_ = 0;       // s since the last inputs, and between the last two that were used
+  int missing_ = 0;                             // frames since inputs that were used
   std::int32_t stops_ = 0;
+  int stopped_missing_ = 0;  // of the last stop: missing_, silent_
+  double stopped_silent_ = 0;
   const char* stopped_by_ = "";
   const Drive* stopped_drive_ = nullptr;
   std::string place_outside_;  // of the drive that stands outside, a sentence; its memory is reserved
   bool told_outside_ = false;
   // Per drive.
   std::vector<double> q_, q_wanted_, q_target_, tau_target_, no_gain_;
-  std::vector<double> q_read_, dq_read_;  // of the last inputs, used or not
-  std::vector<double> outside_;           // rad out of the range, the least since the drives follow
+  std::vector<double> q_read_, dq_read_, dq_given_,
+      tau_read_;                 // of the last inputs, used or not; dq_given_: NaN without 0x606C
+  std::vector<double> outside_;  // rad out of the range, the least since the drives follow
   // Inputs and parameters.
   std::string mode_text_ = "monitor", outside_text_ = "refuse";
   bool enable_ = true, quick_stop_ = false;

@@ -40,7 +40,7 @@ EtherCatDrives::Place EtherCatDrives::find(const std::vector<ethercat::Channel>&
 EtherCatDrives::EtherCatDrives(const std::vector<SlaveChoice>& slaves, const std::vector<std::size_t>& joint_of,
                                const std::vector<trajectory::Axis>& joints, const robot::RobotModel* robot,
                                const std::string& place)
-    : place_(place), synchronisation_(0), jumps_({}) {
+    : place_(place), synchronisation_(0), belief_({}), tau_({}) {
   std::vector<trajectory::Axis> axes;
   for (std::size_t i = 0; i < slaves.size(); ++i) {
     const SlaveChoice& s = slaves[i];
@@ -88,9 +88,11 @@ EtherCatDrives::EtherCatDrives(const std::vector<SlaveChoice>& slaves, const std
   }
   const std::size_t n = drives_.size();
   synchronisation_ = Synchronisation(n);
-  jumps_ = JumpDetector(axes);
-  for (std::vector<double>* values :
-       {&q_, &q_wanted_, &q_target_, &tau_target_, &outside_, &no_gain_, &dq_scale_, &tau_scale_, &q_read_, &dq_read_})
+  belief_ = Belief(axes);
+  tau_ = BelievedTorques(axes);
+  errors_.add(BelievedNumbers::Kind::kState, n);
+  for (std::vector<double>* values : {&q_, &q_wanted_, &q_target_, &tau_target_, &outside_, &no_gain_, &dq_scale_, &tau_scale_,
+                                      &q_read_, &dq_read_, &dq_given_, &tau_read_})
     values->resize(n);
   following_error_max_.resize(n, kLargestFollowingError);
   home_ = std::make_unique<bool[]>(n);
@@ -250,13 +252,15 @@ void EtherCatDrives::initialise(double cycle, std::span<const double> q_scale, s
     homed_[k] = false;
     d.status_word = 0;
     d.known = false;
-    jumps_.set_resolution(k, q_scale_[d.joint]);
+    belief_.set_resolution(k, q_scale_[d.joint], dq_scale_of(k));
     d.error_code = d.mode_shown = 0;
-    d.speed = d.torque_units = 0;
+    d.speed = 0;
+    d.doubts = d.unconfirmed = 0;
     d.stood = 0;
     tau_target_[k] = 0;
   }
-  awaited_ = follows_ = fresh_ = were_enabled_ = blind_ = held_ = false;
+  awaited_ = follows_ = fresh_ = were_enabled_ = blind_ = pauses_ = false;
+  enabled_inputs_ = missing_ = 0;
   jumped_ = nullptr;
   cycle_ = cycle;
   enabling_ = 0;
@@ -264,7 +268,9 @@ void EtherCatDrives::initialise(double cycle, std::span<const double> q_scale, s
   silent_ = elapsed_ = 0;
   stops_ = 0;
   stopped_by_ = "";
-  jumps_.begin();
+  belief_.begin();
+  tau_.forget();
+  errors_.forget();
   write_outputs();
 }
 

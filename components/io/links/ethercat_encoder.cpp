@@ -44,8 +44,8 @@ EtherCatEncoder::Doubt EtherCatEncoder::doubt(std::uint32_t counter, double unre
   ++in_a_row_;
   held_counter_ = counter;
   held_unread_ = unread;
-  if (agreeing_ > JumpDetector::kMostHeld) return Doubt::kElsewhere;
-  return in_a_row_ > JumpDetector::kMostHeld && unread > patience ? Doubt::kLost : Doubt::kHeld;
+  if (agreeing_ > Belief::kMostHeld) return Doubt::kElsewhere;
+  return in_a_row_ > Belief::kMostHeld && unread > patience ? Doubt::kLost : Doubt::kHeld;
 }
 
 /// Whether the counter is near the last one or, if the one before was doubted, goes on from that one.

@@ -3,7 +3,7 @@
 #include <optional>
 #include <span>
 
-#include "components/io/link/acknowledgement.h"
+#include "components/io/link/belief.h"
 
 namespace cotwin::io {
 
@@ -36,7 +36,7 @@ class EtherCatEncoder {
   /// Takes input process data. `restarted`: the terminal was switched off and on since the last ones, so that it has forgotten its
   /// counter. `patience`: s without data after which a counter of 16 bits may have wrapped. A counter that the last speed does not explain to
   /// kSurprise counts and half of the way is used only when the next one confirms it: the frame may be damaged. One that is faster than
-  /// `fastest` is never used; after JumpDetector::kMostHeld in a row that follow from one another, or `patience` of such counters, the position
+  /// `fastest` is never used; after Belief::kMostHeld in a row that follow from one another, or `patience` of such counters, the position
   /// continues from the last one as after a restart.
   void read(std::span<const std::uint8_t> in, bool restarted, double patience);
 
@@ -49,6 +49,8 @@ class EtherCatEncoder {
   std::optional<Speed> pop_speed();
   /// s since the last read().
   double unread() const { return unread_; }
+  /// Whether the last counter was not used.
+  bool is_held() const { return in_a_row_ > 0; }
   bool was_restarted() const { return was_restarted_; }
   bool may_have_wrapped() const { return may_have_wrapped_; }
   /// Counters that no motion explains, and that were not used.

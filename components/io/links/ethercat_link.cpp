@@ -85,6 +85,7 @@ struct EtherCatLink::Device {
   std::vector<std::int32_t> inputs, outputs;        // other channels of the SII's PDOs
   std::optional<EtherCatEncoder> encoder;           // EL5101
   int restarts = 0;                                 // that the encoder has taken into account
+  std::size_t numbers = 0;                          // in EtherCatLink::numbers_, of its inputs
 };
 
 EtherCatLink::EtherCatLink(Settings& settings, const std::vector<trajectory::Axis>& joints)
@@ -101,7 +102,13 @@ EtherCatLink::EtherCatLink(Settings& settings, const std::vector<trajectory::Axi
       state_(slaves_.size()),
       al_code_(slaves_.size()) {
   for (std::size_t i = 0; i < slaves_.size(); ++i) {
-    if (slaves_[i].kind != Kind::kEncoder) continue;
+    const SlaveChoice& s = slaves_[i];
+    if (s.kind == Kind::kDigitalInputs) devices_[i].numbers = numbers_.add(BelievedNumbers::Kind::kState, 16);
+    if (s.kind == Kind::kImage) {
+      const auto kind = s.is_digital(false) ? BelievedNumbers::Kind::kState : BelievedNumbers::Kind::kNumber;
+      devices_[i].numbers = numbers_.add(kind, s.setup.inputs.size());
+    }
+    if (s.kind != Kind::kEncoder) continue;
     encoders_.push_back(i);
     devices_[i].encoder.emplace(settings.integer("encoder_bits") == 32);
   }
@@ -276,6 +283,7 @@ void EtherCatLink::initialise(Time start, Measured& measured) {
   options.host_time = wire_->now();
   ethercat::Exchange exchange(*wire_);
   const double shift = sync0_shift_ == kHalfACycle ? cycle_ / 2 : sync0_shift_;
+  numbers_.forget();
   drives_.initialise(cycle_, q_scale_, q_offset_, acknowledgement_);
   std::vector<ethercat::ExpectedSlave> expected = expected_slaves(slaves_, sync0_, shift);
   drives_.add_start_up(expected);
@@ -320,7 +328,7 @@ StepResult EtherCatLink::step(Time now, Duration h, const Command& command, Meas
     wire.advance_to(zero_ + std::max(now.ns, (now + h).ns - nanoseconds(cycle_)));
     field_->apply(wire.now());
   }
-  acknowledgement_.decide(operational_);
+  acknowledgement_.decide(operational_, !is_held() && drives_.agrees(), h.seconds());
   bus_lost_ = bus_lost_ && acknowledgement_.awaits();
   master_->hold_outputs(bus_lost_);
   write_devices();
@@ -338,8 +346,9 @@ StepResult EtherCatLink::step(Time now, Duration h, const Command& command, Meas
   for (const std::size_t i : encoders_) devices_[i].encoder->advance(between);
   drives_.wait(between, patience());
   if (measured.fresh) {
-    read_devices();
     measured.fresh = drives_.read(*master_);
+    // While nothing is commanded a stop gets through.
+    if (measured.fresh || drives_.is_blind()) read_devices();
   }
   measure(measured);
   drives_.measure(measured, dq_cutoff_, patience());
@@ -375,26 +384,35 @@ void EtherCatLink::write_devices() {
   }
 }
 
+/// Whether the last inputs have a position that was not used.
+bool EtherCatLink::is_held() const {
+  const auto held = [&](std::size_t i) {
+    return devices_[i].encoder->is_held() && devices_[i].encoder->unread() <= patience();
+  };
+  return drives_.is_held() || std::ranges::any_of(encoders_, held);
+}
+
 void EtherCatLink::read_devices() {
+  // A slave on its way back: what it gives first may be of the time before.
+  for (const std::size_t i : encoders_) {
+    const int restarts = master_->status(i).restarts;
+    if (master_->status(i).down) continue;
+    devices_[i].encoder->read(master_->inputs(i), restarts != std::exchange(devices_[i].restarts, restarts), timeout_);
+  }
+  if (is_held() && !drives_.is_blind()) return;
   for (std::size_t i = 0; i < slaves_.size(); ++i) {
     const SlaveChoice& s = slaves_[i];
     Device& d = devices_[i];
-    if (master_->status(i).down) continue;  // a slave on its way back: what it gives first may be of the time before
+    if (master_->status(i).down) continue;
     const std::span<const std::uint8_t> in = master_->inputs(i);
     if (s.kind == Kind::kDigitalInputs) {
-      for (std::size_t c = 0; c < d.channels.size(); ++c) d.channels[c] = read_bits(in, c, 1) != 0;
-    } else if (s.kind == Kind::kEncoder) {
-      const int restarts = master_->status(i).restarts;
-      d.encoder->read(in, restarts != std::exchange(d.restarts, restarts), timeout_);
+      for (std::size_t c = 0; c < d.channels.size(); ++c) d.channels[c] = numbers_.put(d.numbers + c, read_bits(in, c, 1)) != 0;
     } else if (s.kind == Kind::kImage) {
       for (std::size_t c = 0; c < s.setup.inputs.size(); ++c) {
         const ethercat::Channel& channel = s.setup.inputs[c];
-        const std::uint32_t value = read_bits(in, channel.bit, channel.bits);
-        if (d.input_bits) {
-          d.input_bits[c] = value != 0;
-        } else {
-          d.inputs[c] = static_cast<std::int32_t>(value);
-        }
+        const auto raw = static_cast<std::int32_t>(read_bits(in, channel.bit, channel.bits));
+        const auto value = static_cast<std::int32_t>(numbers_.put(d.numbers + c, raw));
+        (d.input_bits ? static_cast<void>(d.input_bits[c] = value != 0) : static_cast<void>(d.inputs[c] = value));
       }
     }
   }

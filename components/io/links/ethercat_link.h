@@ -12,6 +12,7 @@
 #include "components/io/emulators/ethercat_slaves.h"
 #include "components/io/ethercat/master/master.h"
 #include "components/io/link/acknowledgement.h"
+#include "components/io/link/belief.h"
 #include "components/io/link/link.h"
 #include "components/io/links/ethercat_drives.h"
 #include "components/io/links/ethercat_encoder.h"
@@ -26,7 +27,7 @@ namespace cotwin::io {
 ///   drives   (DRIVE402, setting `drives`) joint i likewise: q from its position, commanded as ethercat_drives.h says
 ///   others   a port per channel of the SII's PDOs, or one port <name> if all channels of a direction are bits
 /// initialise() brings the bus to SAFEOP and waits for it; the steps bring it to OP. A step sends the frames of a cycle and uses the
-/// answers to those of the last one, so inputs are one step old. While the bus is not operational, outputs are off and inputs held.
+/// answers to those of the last one, so inputs are one step old, bits and numbers two more (BelievedNumbers). While the bus is not operational, outputs are off and inputs held.
 /// end() switches the outputs off and brings the slaves to INIT.
 class EtherCatLink final : public Link {
  public:
@@ -54,6 +55,7 @@ class EtherCatLink final : public Link {
   double patience() const { return std::max(timeout_, 3 * cycle_); }  // s
   void check_cycle(Duration h);
   int encoder_jumps() const;
+  bool is_held() const;
   void write_statistics();
 
   std::string interface_;
@@ -88,9 +90,10 @@ class EtherCatLink final : public Link {
   double clock_difference_ = 0;
   std::int32_t clock_steps_ = 0;
   Acknowledgement acknowledgement_;
-  int jumps_ = 0;          // of the encoders, that were followed by a stop
-  bool in_op_ = false;     // as the master has it, which waits for `timeout`
-  bool bus_lost_ = false;  // it awaits the acknowledgement of a loss of the bus, not only of a stop of the drives
+  BelievedNumbers numbers_;  // of the devices' inputs
+  int jumps_ = 0;            // of the encoders, that were followed by a stop
+  bool in_op_ = false;       // as the master has it, which waits for `timeout`
+  bool bus_lost_ = false;    // it awaits the acknowledgement of a loss of the bus, not only of a stop of the drives
 };
 
 }  // namespace cotwin::io

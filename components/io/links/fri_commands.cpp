@@ -67,7 +67,17 @@ void FriLink::choose_command() {
   const double cycle = m.send_period * m.receive_multiplier;
   const double since =
       answered_ >= 0 ? m.send_period * static_cast<double>(std::max<std::int64_t>(newest - answered_, 0)) : cycle;
-  const double elapsed = std::min(since, kMostBridged * cycle);
+  // The robot's controller has extrapolated the last commands meanwhile, unless it reports that its set point, which is late, has not gone on.
+  if (const double pause = std::min(since - cycle, kMostBridged * cycle); follows_ && pause > 0) {
+    double way = 0, whole = 0;
+    for (std::size_t i = 0; i < n_; ++i) {
+      const double speed = synchronisation_.speed()[i];
+      way += speed * (m.q_commanded[i] - set_point_before_[i] - speed * cycle);
+      whole += speed * speed * pause;
+    }
+    if (!m.has(fri::Monitoring::kCommandedPosition) || way > whole / 4) synchronisation_.go_on(pause);
+  }
+  set_point_before_ = m.q_commanded;
   answered_ = newest;
   wanted_.joints = static_cast<std::uint32_t>(n_);
   wanted_.fields = fri::Command::kPosition;
@@ -82,7 +92,7 @@ void FriLink::choose_command() {
   copy_usable(damping_, wanted_.joint_damping);
   copy_usable(cartesian_stiffness_, wanted_.cartesian_stiffness);
   copy_usable(cartesian_damping_, wanted_.cartesian_damping);
-  follow(elapsed);
+  follow(std::min(since, cycle));
   // Outputs and variables of the robot's program stay what they are until somebody acknowledges.
   wanted_.ios.count = 0;
   if (acknowledgement_.awaits()) return;
@@ -111,13 +121,20 @@ bool FriLink::may_follow() const {
 }
 
 void FriLink::follow(double elapsed) {
-  const fri::Monitoring& m = client_->monitoring();
+  fri::Monitoring& m = client_->monitoring();
   const Synchronisation::Gains gains{K_P_, K_D_, dq_command_max_, ddq_command_max_};
   const bool own = m.has(fri::Monitoring::kInterpolatorPosition) && protocol_ != fri::Protocol::kLwr;
   const fri::Joints& place = m.has(fri::Monitoring::kCommandedPosition) ? m.q_commanded : m.q_measured;
   const fri::Joints& robot = own ? m.q_interpolator : place;
-  const bool commanding = client_->commanding() && drives();
-  if (following_ && !commanding) demand_acknowledgement();
+  const bool ends = following_ && takes_.value == 0, pauses = following_ && !ends && !takes_.is_sure();
+  if (ends) demand_acknowledgement();
+  if (pauses) {  // what was asked for stays: the answer is that to the messages before
+    m.state = fri::SessionState::kCommandingActive;
+    if (takes_.value > 1) m.fields |= fri::Monitoring::kCommandMode;
+    m.command_mode = static_cast<fri::ClientCommandMode>(takes_.value - 1);
+  }
+  const bool commanding = client_->commanding() && drives() && !ends;
+  const bool begins = commanding && !following_ && takes_.value != 0 && takes_.is_sure() && agrees();
   bool near = true;  // what was sent last
   if (!commanding) {
     synchronisation_.start({robot.data(), n_});
@@ -133,10 +150,10 @@ void FriLink::follow(double elapsed) {
     synchronisation_.start({sends && near ? sent.q.data() : robot.data(), n_});
     if (sent.has(fri::Command::kPose)) wanted_.X = sent.X;
   }
-  if (commanding && !following_ && !(near && set_point_.believed() && pose_.believed())) demand_acknowledgement();
-  following_ = commanding;
+  if (begins && !(near && set_point_.believed() && pose_.believed())) demand_acknowledgement();
+  following_ = commanding && (following_ || begins);
   refuses_ = commanding && (client_->taken() & quantity()) == 0;
-  follows_ = commanding && may_follow();
+  follows_ = following_ && !pauses && may_follow();
   begins_ = false;
   wanted_.tau = {};
   wanted_.F.setZero();

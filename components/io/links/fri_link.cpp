@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <utility>
 
 #include "components/io/fri/finite.h"
 #include "models/foundation/support/choice.h"
@@ -53,6 +54,20 @@ void write(const Pose& X, std::array<double, 3>& p, std::array<double, 4>& quat)
   quat = {Q.w(), Q.x(), Q.y(), Q.z()};
 }
 
+/// In BelievedNumbers; the first five are states.
+constexpr std::size_t kState = 0, kQuality = 1, kSafety = 2, kCommandMode = 3, kControl = 4, kPose = 5, kReal = kPose + 12,
+                      kInteger = kReal + 16, kBoolean = kInteger + 16;
+
+std::array<double, 12> numbers_of(const Pose& X) {
+  std::array<double, 12> x;
+  Eigen::Map<Eigen::Matrix3d>(x.data()) = X.R;
+  Eigen::Map<Eigen::Vector3d>(x.data() + 9) = X.p;
+  return x;
+}
+Pose pose_of(const std::array<double, 12>& x) {
+  return {Eigen::Map<const Eigen::Matrix3d>(x.data()), Eigen::Map<const Eigen::Vector3d>(x.data() + 9)};
+}
+
 /// Of the numbers of a rotation matrix and a position.
 std::vector<trajectory::Axis> axes_of_pose() {
   std::vector<trajectory::Axis> axes = trajectory::free_axes(12);
@@ -67,7 +82,7 @@ FriLink::FriLink(Settings& settings, std::vector<trajectory::Axis> joints)
       n_(joints.size()),
       datagrams_(*this),
       synchronisation_(n_),
-      jumps_(joints),
+      belief_(joints),
       tau_(joints),
       tau_external_(joints),
       F_external_(settings.robot_used() != nullptr ? joints : trajectory::free_axes(6), 6),
@@ -90,6 +105,10 @@ FriLink::FriLink(Settings& settings, std::vector<trajectory::Axis> joints)
       inputs_(n_) {
   fri::check_joints(protocol_, n_, kFriPlace);
   if (settings.robot_used() != nullptr) kinematics_.emplace(*settings.robot_used());
+  numbers_.add(BelievedNumbers::Kind::kState, kPose);
+  numbers_.add(BelievedNumbers::Kind::kNumber, kBoolean - kPose);
+  numbers_.add(BelievedNumbers::Kind::kBits);
+  reads_.examine();
   for (std::size_t i = 0; i < n_; ++i) {
     if (joints[i].dq_max > 0) dq_command_max_[i] = std::min(kSafeSpeed, joints[i].dq_max);
   }
@@ -168,7 +187,7 @@ void FriLink::initialise(Time start, Measured& measured) {
   measured.fresh = measured.done = false;
   connected_ = commanding_ = following_ = follows_ = begins_ = was_connected_ = false;
   state_ = quality_ = command_mode_ = losses_ = refused_ = unsent_ = restarts_ = 0;
-  jumps_.begin();
+  belief_.begin();
   forget();
   sessions_ = 0;
   inputs_ = Inputs(n_);
@@ -241,7 +260,7 @@ void FriLink::note_refused(const DatagramQueue::Datagram& datagram) {
 
 StepResult FriLink::step(Time now, Duration h, const Command& command, Measured& measured) {
   measured.fresh = false;
-  acknowledgement_.decide(connected_ && robot_ready());
+  acknowledgement_.decide(connected_ && robot_ready(), !belief_.is_held() && agrees(), h.seconds());
   if (drives() && !read_inputs(command)) {
     refused_ = saturated(static_cast<std::uint64_t>(refused_) + 1);
     measured.warn(kRefused);
@@ -255,7 +274,8 @@ StepResult FriLink::step(Time now, Duration h, const Command& command, Measured&
   host_ = monotonic_now();
   at_ = now.ns;
   if (refuses_) measured.warn(kOther);
-  if (connected_ && !client_->connected(now.ns)) note_loss(measured);
+  const bool silent = now.ns - believed_at_ > client_->longest_silence();
+  if (connected_ && (silent || !client_->connected(now.ns))) note_loss(measured);
   if (acknowledgement_.awaits()) measured.warn(kWithheld);
   write_outputs(now.ns);
   if (was_connected_ && !connected_) lost_time_ += h.seconds();
@@ -263,8 +283,8 @@ StepResult FriLink::step(Time now, Duration h, const Command& command, Measured&
 }
 
 bool FriLink::robot_ready() const {
-  const fri::Monitoring& m = client_->monitoring();
-  return !m.has(fri::Monitoring::kSafetyState) || m.safety == fri::SafetyState::kNormal;
+  return !client_->monitoring().has(fri::Monitoring::kSafetyState) ||
+         numbers_.used(kSafety) == static_cast<double>(fri::SafetyState::kNormal);
 }
 
 /// Whether the robot may wait for the last answer and was heard within its timeout.
@@ -293,10 +313,14 @@ std::int64_t FriLink::repetition() const {
 bool FriLink::take(const DatagramQueue::Datagram& datagram, std::int64_t arrival, std::int64_t now) {
   const auto reception = client_->receive(datagram.bytes, datagram.from, arrival, datagram.arrival);
   if (reception == fri::Client::Reception::kRefused) return false;
-  if (client_->statistics().sessions != sessions_) begin_session();
+  if (client_->statistics().sessions != sessions_) {
+    begin_session();
+    believed_at_ = now;
+  }
   const bool believed = is_believed();
+  if (believed) believed_at_ = now;
   if (!believed) {
-    // The first message of a session: a controller may wait for its answer.
+    // The first messages of a session: a controller may wait for their answers.
     if (position_ >= 0 || client_->commanding() || reception != fri::Client::Reception::kAnswerDue) return false;
     begins_ = true;
   }
@@ -323,7 +347,11 @@ void FriLink::begin_session() {
 /// What follows is of another session.
 void FriLink::forget() {
   position_ = answered_ = offered_ = -1;
-  jumps_.forget();
+  belief_.forget();
+  numbers_.forget();
+  takes_ = {};
+  since_used_ = 0;
+  set_points_ = 0;
   for (BelievedTorques* torques : {&tau_, &tau_external_, &F_external_}) torques->forget();
   for (BelievedSetPoint* place : {&set_point_, &pose_}) place->forget();
   following_ = follows_ = own_ = false;
@@ -339,57 +367,94 @@ bool FriLink::is_believed() {
   const double period = position_ < 0 ? m.send_period : period_;
   const double elapsed = offered_ >= 0 ? period * static_cast<double>(newest - offered_) : 0;
   offered_ = newest;
-  const JumpDetector::Verdict verdict = jumps_.add({m.q_measured.data(), n_}, elapsed, same_period);
-  if (verdict == JumpDetector::Verdict::kJump) {
+  since_used_ += elapsed;
+  const Belief::Verdict verdict = belief_.add({m.q_measured.data(), n_}, elapsed, same_period);
+  if (verdict == Belief::Verdict::kJump) {
     demand_acknowledgement();
     begins_ = true;
     position_ = -1;  // no speed leads there
   }
-  examine_torques();
-  examine_set_point(elapsed, verdict != JumpDetector::Verdict::kHeld);
-  return verdict != JumpDetector::Verdict::kHeld;
+  // While nothing is commanded a stop gets through.
+  if (!belief_.is_held() || position_ < 0) {
+    read_torques();
+    read_others();
+  }
+  examine_set_point(elapsed);
+  return !belief_.is_held();
 }
 
-void FriLink::examine_torques() {
+void FriLink::read_torques() {
   const fri::Monitoring& m = client_->monitoring();
   const std::span<const double> tau{m.tau_measured.data(), n_}, tau_external{m.tau_external.data(), n_};
-  bool sound = !m.has(fri::Monitoring::kMeasuredTorque) || tau_.add(tau);
-  if (m.has(fri::Monitoring::kExternalTorque)) sound = tau_external_.add(tau_external) && sound;
+  const char* why = m.has(fri::Monitoring::kMeasuredTorque) ? tau_.add(tau) : nullptr;
+  if (m.has(fri::Monitoring::kExternalTorque)) {
+    if (const char* const external = tau_external_.add(tau_external)) why = external;
+  }
   if (m.has(fri::Monitoring::kExternalWrench)) {
     const std::span<const double> F{m.F_external.data(), 6};
     fri::Joints of_F{};
     if (kinematics_) kinematics_->torques_of(m.F_external, {m.q_measured.data(), n_}, {of_F.data(), n_});
-    sound = F_external_.add(kinematics_ ? std::span<const double>(of_F.data(), n_) : F, F) && sound;
+    const char* const force = F_external_.add(kinematics_ ? std::span<const double>(of_F.data(), n_) : F, F);
+    if (force != nullptr) why = force;
+    for (std::size_t i = 0; i < 6; ++i) F_e_[i] = F_external_.along(i);
   }
-  if (!sound) jumps_.count_implausible();
+  if (why != nullptr) belief_.count_implausible(why);
 }
 
-/// Where a command would begin: in the newest message it is replaced by what is believed. `measured`: whether its measured position is.
-void FriLink::examine_set_point(double elapsed, bool measured) {
+/// States, the pose, variables of the robot's program, I/O values.
+void FriLink::read_others() {
+  fri::Monitoring m = client_->monitoring();
+  numbers_.put(kState, static_cast<int>(m.state));
+  numbers_.put(kQuality, static_cast<int>(m.quality));
+  numbers_.put(kSafety, static_cast<int>(m.safety));
+  numbers_.put(kCommandMode, static_cast<int>(m.command_mode));
+  const auto control = static_cast<fri::ControlMode>(numbers_.put(kControl, static_cast<int>(m.control)));
+  yields_ = m.has(fri::Monitoring::kControlMode) &&
+            (control == fri::ControlMode::kCartesianImpedance || control == fri::ControlMode::kJointImpedance);
+  const int mode = m.has(fri::Monitoring::kCommandMode) ? static_cast<int>(m.command_mode) : 0;
+  takes_.see(client_->commanding() && drives() ? 1 + mode : 0);
+  if (m.has(fri::Monitoring::kMeasuredPose)) {
+    std::array<double, 12> x = numbers_of(m.X_measured);
+    for (std::size_t i = 0; i < x.size(); ++i) x[i] = numbers_.put(kPose + i, x[i]);
+    write(pose_of(x), p_, quat_);
+  }
+  for (std::size_t i = 0; i < krl_.real.size(); ++i) {
+    m.krl.real[i] = static_cast<float>(numbers_.put(kReal + i, static_cast<double>(m.krl.real[i])));
+    m.krl.integer[i] = static_cast<std::int32_t>(numbers_.put(kInteger + i, m.krl.integer[i]));
+  }
+  m.krl.boolean = static_cast<std::uint16_t>(numbers_.put(kBoolean, m.krl.boolean));
+  krl_.read(m.krl);
+  reads_.read(m.ios);
+}
+
+/// Where a command would begin: in the newest message it is replaced by what is believed.
+void FriLink::examine_set_point(double elapsed) {
   fri::Monitoring& m = client_->monitoring();
+  const bool measured = !belief_.is_held();
   const bool goes_on = client_->commanding() && drives() && (following_ || begins_);
   const bool own = m.has(fri::Monitoring::kInterpolatorPosition) && protocol_ != fri::Protocol::kLwr && !goes_on;
   const bool commanded = m.has(fri::Monitoring::kCommandedPosition);
   // What was taken before may have been the measured position, beside which an impedance-controlled robot may be commanded.
-  const bool other = own != std::exchange(own_, own) && !commanded;
+  const bool switched = own != std::exchange(own_, own), other = switched && !commanded;
   if (other && !following_ && m.state == fri::SessionState::kCommandingWait) set_point_.forget();
-  const bool yields = m.has(fri::Monitoring::kControlMode) &&
-                      (m.control == fri::ControlMode::kCartesianImpedance || m.control == fri::ControlMode::kJointImpedance);
   fri::Joints q = own ? m.q_interpolator : commanded ? m.q_commanded : m.q_measured;
-  set_point_.take({q.data(), n_}, {m.q_measured.data(), n_}, elapsed, measured, yields);
+  set_point_.take({q.data(), n_}, {m.q_measured.data(), n_}, elapsed, measured, yields_);
   if (own || commanded) (own ? m.q_interpolator : m.q_commanded) = q;
+  if (measured && !following_) {
+    const double since = std::exchange(since_used_, 0);
+    set_points_ = switched || since <= 0 ? 1 : set_points_ + 1;
+    fri::Joints dq{};
+    for (std::size_t i = 0; i < n_ && set_points_ > 1; ++i) dq[i] = (q[i] - set_before_[i]) / since;
+    // The first one has no speed.
+    belief_.compare({m.q_measured.data(), n_}, {dq.data(), n_}, set_points_ > 2 ? since : 0, !yields_);
+    set_before_ = q;
+  }
   Pose& X = protocol_ == fri::Protocol::kLwr ? m.X_commanded : m.X_interpolator;
   if (!m.has(protocol_ == fri::Protocol::kLwr ? fri::Monitoring::kCommandedPose : fri::Monitoring::kInterpolatorPose)) return;
   const Pose& beside = m.has(fri::Monitoring::kMeasuredPose) ? m.X_measured : X;
-  const auto numbers = [](const Pose& pose) {
-    std::array<double, 12> x;
-    Eigen::Map<Eigen::Matrix3d>(x.data()) = pose.R;
-    Eigen::Map<Eigen::Vector3d>(x.data() + 9) = pose.p;
-    return x;
-  };
-  std::array<double, 12> x = numbers(X);
-  pose_.take(x, numbers(beside), elapsed, measured, true);
-  X = {Eigen::Map<Eigen::Matrix3d>(x.data()), Eigen::Map<Eigen::Vector3d>(x.data() + 9)};
+  std::array<double, 12> x = numbers_of(X);
+  pose_.take(x, numbers_of(beside), elapsed, measured, true);
+  X = pose_of(x);
 }
 
 void FriLink::measure(Measured& measured) {
@@ -414,18 +479,14 @@ void FriLink::measure(Measured& measured) {
       measured.dq[i] = dq;
     }
     measured.q[i] = m.q_measured[i];
-    measured.tau[i] = measured.has_tau ? tau_.torques()[i] : 0;
-    measured.tau_e[i] = gives_tau_e ? tau_external_.torques()[i] : 0;
+    measured.tau[i] = measured.has_tau ? tau_.torque(i) : 0;
+    measured.tau_e[i] = gives_tau_e ? tau_external_.torque(i) : 0;
     if (m.has(fri::Monitoring::kCommandedPosition)) q_robot_[i] = m.q_commanded[i];
     if (m.has(fri::Monitoring::kInterpolatorPosition)) q_own_[i] = m.q_interpolator[i];
   }
   measured.fresh = true;
   period_ = m.send_period;
   if (m.has(fri::Monitoring::kTime)) t_robot_ = static_cast<double>(m.time) / 1e9;
-  if (m.has(fri::Monitoring::kMeasuredPose)) write(m.X_measured, p_, quat_);
-  if (m.has(fri::Monitoring::kExternalWrench)) std::ranges::copy(F_external_.along(), F_e_.begin());
-  krl_.read(m.krl);
-  reads_.read(m.ios);
 }
 
 void FriLink::note_loss(Measured& measured) {
@@ -440,13 +501,13 @@ void FriLink::note_loss(Measured& measured) {
 }
 
 void FriLink::write_outputs(std::int64_t now) {
-  connected_ = client_->connected(now);
+  connected_ = client_->connected(now) && now - believed_at_ <= client_->longest_silence();
   was_connected_ = was_connected_ || connected_;
-  state_ = static_cast<std::int32_t>(client_->state(now));
-  quality_ = connected_ ? static_cast<std::int32_t>(client_->monitoring().quality) : 0;
+  state_ = client_->connected(now) ? static_cast<std::int32_t>(numbers_.used(kState)) : 0;
+  quality_ = connected_ ? static_cast<std::int32_t>(numbers_.used(kQuality)) : 0;
   commanding_ = connected_ && follows_;
   restarts_ = saturated(client_->statistics().restarts);
-  command_mode_ = static_cast<std::int32_t>(client_->monitoring().command_mode);
+  command_mode_ = static_cast<std::int32_t>(numbers_.used(kCommandMode));
   std::copy_n(client_->sent().q.begin(), n_, q_sent_.begin());
   std::ranges::copy(synchronisation_.discrepancy(), e_.begin());
   counts_.read(client_->statistics());
@@ -469,7 +530,7 @@ void FriLink::append_notes(std::vector<std::string>& sentences) const {
   }
   sentences.push_back("robot: " + text::counted(counts_.received, "message") + ", " + std::to_string(counts_.lost) + " lost, " +
                       text::counted(counts_.answers, "answer"));
-  jumps_.append_notes(sentences, "message");
+  belief_.append_notes(sentences, "message");
   if (unsent_ > 0) sentences.push_back(text::counted(unsent_, "answer") + " to the robot not sent by the system");
   if (restarts_ > 0) sentences.push_back("the robot's controller began anew " + text::counted(restarts_, "time"));
   if (acknowledgement_.awaits())

@@ -7,7 +7,7 @@
 
 #include "components/io/fri/client.h"
 #include "components/io/link/acknowledgement.h"
-#include "components/io/link/believed.h"
+#include "components/io/link/belief.h"
 #include "components/io/link/datagram_queue.h"
 #include "components/io/link/fri_values.h"
 #include "components/io/link/link.h"
@@ -21,14 +21,17 @@ namespace cotwin::io {
 
 /// A robot behind KUKA's FRI (LWR 4+ or Sunrise): the PC's side. A step takes the messages that have come, answers each, and gives
 /// the newest measurements:
-///   q, τ, τ_e   as reported, if they are believed (JumpDetector, BelievedTorques)
+///   q, τ, τ_e   as reported, if they are believed (belief.h)
 ///   q̇          differences of q between messages over their send period, low-pass `dq_cutoff`;  q̈: differences of q̇
 ///   command     monitoring: mirrors what the robot commands; commanding: q_command with the PD synchronisation
 ///               (synchronisation.h), and by `mode` an overlaid torque or wrench, stiffness and damping
-/// A robot that sends nothing for `timeout` is not connected: q and τ are held, q̇, q̈ and τ_e are 0, nothing is sent. After that, after
+/// Commands begin when three messages in a row say that the robot takes them. Where one says that it does not, they come to rest at once, and have
+/// ended when three in a row say so.
+/// A robot that sends nothing that is believed for `timeout` is not connected: q and τ are held, q̇, q̈ and τ_e are 0, nothing is sent. After that, after
 /// a restart of its controller (fri::ClientStatistics::sessions), a jump of its position, or when it does not take commands any more,
 /// it is not commanded until the input `acknowledge` rises (acknowledgement.h): its own position is mirrored or, where it takes
-/// commands, the position that it gives as commanded, or else as measured, is held. Commands then begin there. Where they begin is judged by BelievedSetPoint.
+/// commands, the position that it gives as commanded, or else as measured, is held. Commands then begin there. Where they begin is judged by BelievedSetPoint, and by Belief::compare() with
+/// the speed of the set point, unless the robot is impedance-controlled.
 /// Inputs that are not finite, or beyond fri::kLargestNumber, are not sent: their last usable values are (`refused`).
 /// If the robot does not ask for the quantity of `mode`, its position is held and `commanding` is false.
 /// A clock that waits for the robot's next message without a limit sends the last answer again after kRepeat, because the answer or
@@ -93,9 +96,11 @@ class FriLink final : public Link {
   void begin_session();
   void forget();
   bool is_believed();
-  void examine_torques();
-  void examine_set_point(double elapsed, bool measured);
+  void read_torques();
+  void read_others();
+  void examine_set_point(double elapsed);
   bool robot_ready() const;
+  bool agrees() const { return yields_ || belief_.agrees(); }
   void demand_acknowledgement() {
     if (drives()) acknowledgement_.demand();
   }
@@ -113,9 +118,11 @@ class FriLink final : public Link {
   Synchronisation synchronisation_;
   GainCheck gains_{150};
   Acknowledgement acknowledgement_;
-  JumpDetector jumps_;
+  Belief belief_;
   BelievedTorques tau_, tau_external_, F_external_;  // the force by its joint torques
   BelievedSetPoint set_point_, pose_;
+  BelievedNumbers numbers_;                    // states, X_measured, variables of the robot's program
+  ConfirmedState takes_;                       // the robot, commands: 0 none, else 1 + what it asks for
   std::optional<RobotKinematics> kinematics_;  // if the robot's URDF is given
   fri::Command wanted_;
   fri::Monitoring seen_;  // by the clock
@@ -158,6 +165,12 @@ class FriLink final : public Link {
   bool follows_ = false;            // and they are those of the inputs
   bool begins_ = false;             // the next answer begins where the robot is: the first of a session, or after a jump
   bool own_ = false;                // the last set point was that of the robot's own motion
+  fri::Joints set_before_{};        // rad, that set point
+  int set_points_ = 0;              // in a row of the same motion
+  fri::Joints set_point_before_{};  // rad, commanded in the message that was answered last
+  bool yields_ = false;             // the robot is impedance-controlled: its set point may be elsewhere
+  double since_used_ = 0;           // s, since the last position that was used
+  std::int64_t believed_at_ = 0;    // ns, scenario time of that message, or of the beginning of the session
   std::uint64_t sessions_ = 0;
   bool was_connected_ = false;
   bool waiting_ = false;  // for the first message, in the initialisation

@@ -80,7 +80,7 @@ void FriLink::declare(Variables& v, JointVariables& joints) {
   v.output("unsent", unsent_, "answers that the system did not send");
   v.output("restarts", restarts_,
            "how often the robot's controller began anew within timeout: another address, counters or time stamps that jump");
-  jumps_.declare(v, "messages");
+  belief_.declare(v, "messages");
   acknowledgement_.declare(v, "nothing is commanded", "messages of the robot come and it reports no safety stop");
   v.parameter("ddq_command_max", ddq_command_max_, "rad/s2", "limit of the acceleration of commanded positions")
       .range(1e-3, 1e9);

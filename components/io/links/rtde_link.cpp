@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <string_view>
+#include <utility>
 
 #include "components/io/link/datagram_queue.h"
 #include "components/io/link/fri_values.h"
@@ -25,6 +27,9 @@ constexpr const char* kNotCommanded = "after a loss, a restart or a jump nothing
 constexpr const char* kTargetsRefused =
     "q_command or double_command was not finite, or q_command larger than 1e9: the last usable values were sent";
 
+constexpr std::string_view kStates[] = {"robot_mode", "safety_mode", "runtime_state", "output_int_register_25"};
+constexpr std::string_view kBits[] = {"actual_digital_input_bits", "actual_digital_output_bits"};
+
 bool is_usable(std::span<const double> values) {
   return std::ranges::all_of(values, [](double x) { return std::abs(x) <= rtde::kLargestNumber; });
 }
@@ -36,7 +41,7 @@ void count(std::int32_t& number, std::uint64_t more = 1) { number = saturated(st
 RtdeLink::RtdeLink(Settings& settings, const std::vector<trajectory::Axis>& joints)
     : n_(joints.size()),
       synchronisation_(n_),
-      jumps_(joints),
+      belief_(joints),
       tau_(joints),
       F_(settings.robot_used() != nullptr ? joints : trajectory::free_axes(rtde::kJoints), 6),
       set_point_(joints),
@@ -55,6 +60,15 @@ RtdeLink::RtdeLink(Settings& settings, const std::vector<trajectory::Axis>& join
     if (joints[i].dq_max > 0) dq_command_max_[i] = std::min(kSafeSpeed, joints[i].dq_max);
   }
   if (settings.robot_used() != nullptr) kinematics_.emplace(*settings.robot_used());
+  const rtde::Directory directory;
+  std::vector<BelievedNumbers::Kind> kinds(directory.slots(), BelievedNumbers::Kind::kNumber);
+  for (const std::string_view state : kStates) kinds[directory.slot(state)] = BelievedNumbers::Kind::kState;
+  for (const std::string_view bits : kBits) kinds[directory.slot(bits)] = BelievedNumbers::Kind::kBits;
+  for (const BelievedNumbers::Kind kind : kinds) numbers_.add(kind);
+  for (const rtde::Wanted& output : client_settings().outputs) {
+    const rtde::Field& field = *directory.find(output.name);
+    for (std::size_t i = 0; i < rtde::values_of(field.type); ++i) slots_.push_back(field.slot + i);
+  }
 }
 
 Link::Needs RtdeLink::needs() const { return {mode_ != "monitor", false}; }
@@ -123,7 +137,8 @@ void RtdeLink::initialise(Time start, Measured& measured) {
   const net::Endpoint controller = net::endpoint_of(controller_, rtde::kPort, kRtdePlace + ": controller");
   choose_mode();
   acknowledgement_.begin(kRtdePlace);
-  jumps_.begin();
+  belief_.begin();
+  period_ = 0;
   forget();
   constexpr double kDelay = 2;  // cycles: the package, and the command
   if (commands_) gains_.check(K_P_, K_D_, std::array{1 / frequency_}, kDelay, kRtdePlace);
@@ -145,7 +160,8 @@ void RtdeLink::initialise(Time start, Measured& measured) {
 
 StepResult RtdeLink::step(Time now, Duration h, const Command& command, Measured& measured) {
   measured.fresh = false;
-  acknowledgement_.decide(connected_ && robot_ready());
+  if (period_ <= 0) period_ = std::max(1 / frequency_, h.seconds());
+  acknowledgement_.decide(connected_ && robot_ready(), !belief_.is_held() && belief_.agrees(), h.seconds());
   if (read_all(now, measured)) {
     if (commands_) send(command, measured);
     line_.serve();
@@ -182,12 +198,14 @@ bool RtdeLink::read_all(Time now, Measured& measured) {
 
 /// What follows is of another session.
 void RtdeLink::forget() {
-  jumps_.forget();
+  belief_.forget();
   tau_.forget();
   F_.forget();
   set_point_.forget();
+  numbers_.forget();
+  follows_ = {};
   t_waiting_ = -1;
-  misfits_ = BelievedTorques::kMostHeld;
+  misfits_ = Belief::kMostHeld;
 }
 
 /// Whether the newest package is further ahead of the last one than time has passed, so that the next one has to go on from there. The robot may
@@ -198,7 +216,7 @@ bool RtdeLink::waits(double t, std::int64_t host, Time now) {
       static_cast<double>(std::max(host - arrived_, now.ns - heard_)) / 1e9;  // scenarios without a clock may be faster
   const bool ahead = connected_ && since > cycle && since > passed + cycle && since <= passed + patience();
   const bool follows = t_waiting_ >= 0 && t > t_waiting_ && t - t_waiting_ <= passed + cycle;
-  if (t_waiting_ >= 0 && !(ahead && follows)) jumps_.count_implausible();
+  if (t_waiting_ >= 0 && !(ahead && follows)) belief_.count_implausible("its time is ahead");
   t_waiting_ = ahead && !follows ? t : -1;
   return t_waiting_ >= 0;
 }
@@ -211,15 +229,18 @@ bool RtdeLink::is_believed(double t, std::int64_t host) {
   const double since = t - t_robot_, passed = static_cast<double>(host - arrived_) / 1e9;
   const bool in_time = !connected_ || (since >= 0 && since <= passed + patience());
   bool possible = true;
-  for (std::size_t i = 0; i < n_; ++i) possible = possible && jumps_.allows(i, joints("actual_qd")[i]);
+  for (std::size_t i = 0; i < n_; ++i) possible = possible && belief_.allows(i, joints("actual_qd")[i]);
   // Packages without a possible time are taken for a cycle apart.
   const double elapsed = in_time && t > t_offered_ ? std::min(t - t_offered_, patience()) : 1 / frequency_;
   if (in_time) t_offered_ = t;
-  const JumpDetector::Verdict verdict = jumps_.add(joints("actual_q"), elapsed, in_time, possible);
-  if (verdict == JumpDetector::Verdict::kJump) demand_acknowledgement();
+  since_used_ += elapsed;
+  const Belief::Verdict verdict = belief_.add(joints("actual_q"), elapsed, in_time, possible);
+  if (verdict == Belief::Verdict::kJump) demand_acknowledgement();
   std::ranges::copy(joints("target_q"), q_target_.begin());
-  set_point_.take(q_target_, joints("actual_q"), elapsed, verdict != JumpDetector::Verdict::kHeld, false);
-  return verdict != JumpDetector::Verdict::kHeld;
+  set_point_.take(q_target_, joints("actual_q"), elapsed, !belief_.is_held(), false);
+  if (belief_.is_held()) return false;
+  belief_.compare(joints("actual_q"), joints("actual_qd"), std::exchange(since_used_, 0), !following_);
+  return true;
 }
 
 void RtdeLink::measure(Measured& measured, Time now) {
@@ -228,7 +249,10 @@ void RtdeLink::measure(Measured& measured, Time now) {
   const std::int64_t host = monotonic_now();
   elapsed_ = connected_ && t > t_robot_ && t - t_robot_ <= rtde::kLongestPause ? t - t_robot_ : 0;
   count(received_);
-  if (waits(t, host, now) || !is_believed(t, host)) return;
+  const bool used = !waits(t, host, now) && is_believed(t, host);
+  // While nothing is commanded a stop gets through.
+  if (used || !connected_) read_others(measured);
+  if (!used) return;
   heard_ = now.ns;
   if (elapsed_ > 0) {
     measured.elapsed += elapsed_;
@@ -239,7 +263,7 @@ void RtdeLink::measure(Measured& measured, Time now) {
   t_robot_ = t;
   connected_ = was_connected_ = measured.fresh = true;
   const double old = ddq_cutoff_ > 0 ? std::exp(-2 * std::numbers::pi * ddq_cutoff_ * elapsed_) : 0;
-  has_torque_ = c.has("actual_current_as_torque");
+  const bool gives_tau_e = measured.has_tau_e && (!tau_e_gated_ || (following_ && command_));
   for (std::size_t i = 0; i < n_; ++i) {
     const double dq = c.value("actual_qd", i);
     if (elapsed_ > 0) {
@@ -248,59 +272,73 @@ void RtdeLink::measure(Measured& measured, Time now) {
     }
     measured.q[i] = c.value("actual_q", i);
     measured.dq[i] = dq;
-    current_[i] = c.value("actual_current", i);
-    measured.tau[i] = has_torque_ ? c.value("actual_current_as_torque", i) : current_[i] * torque_per_current_[i];
+    measured.tau_e[i] = gives_tau_e ? F_.torque(i) : 0;
   }
   q_robot_ = q_target_;
-  if (!tau_.add(measured.tau)) jumps_.count_implausible();
-  std::ranges::copy(tau_.torques(), measured.tau.begin());
-  measured.has_tau = tau_.known() && (has_torque_ || std::ranges::any_of(torque_per_current_, [](double k) { return k > 0; }));
-  measure_forces(measured);
-  state_ = static_cast<std::int32_t>(c.value("output_int_register_25"));
-  robot_mode_ = static_cast<std::int32_t>(c.value("robot_mode"));
-  safety_ = static_cast<std::int32_t>(c.value("safety_mode"));
-  runtime_ = static_cast<std::int32_t>(std::min(c.value("runtime_state"), 2147483647.0));
-  if (c.has("runtime_state") && runtime_ != 2) state_ = 0;  // the register keeps what the program wrote last
-  speed_scaling_ = c.value("speed_scaling");
-  digital_in_ = static_cast<std::int32_t>(std::clamp(c.value("actual_digital_input_bits"), 0.0, 2147483647.0));
-  digital_out_ = static_cast<std::int32_t>(std::clamp(c.value("actual_digital_output_bits"), 0.0, 2147483647.0));
-  for (std::size_t i = 0; i < kRegisters; ++i) {
-    double_value_[i] = c.value("output_double_register_24", i);
-    int_value_[i] = static_cast<std::int32_t>(c.value("output_int_register_24", i));
-  }
   count_reflected();
 }
 
-void RtdeLink::measure_forces(Measured& measured) {
+double RtdeLink::used(std::string_view name, std::size_t i) const {
+  return numbers_.used(line_.client().directory().slot(name) + i);
+}
+
+/// All but the positions, their speeds, time stamp and counter.
+void RtdeLink::read_others(Measured& measured) {
   const rtde::Client& c = line_.client();
-  std::array<double, 6> pose, F, torques;
+  for (const std::size_t slot : slots_) numbers_.put(slot, c.values()[slot]);
+  std::array<double, rtde::kJoints> tau;
+  has_torque_ = c.has("actual_current_as_torque");
+  for (std::size_t i = 0; i < n_; ++i) {
+    current_[i] = used("actual_current", i);
+    tau[i] = has_torque_ ? c.value("actual_current_as_torque", i) : c.value("actual_current", i) * torque_per_current_[i];
+  }
+  if (const char* const why = tau_.add(tau)) belief_.count_implausible(why);
+  for (std::size_t i = 0; i < n_; ++i) measured.tau[i] = tau_.torque(i);
+  measured.has_tau = tau_.known() && (has_torque_ || std::ranges::any_of(torque_per_current_, [](double k) { return k > 0; }));
+  read_forces();
+  measured.has_tau_e =
+      kinematics_ && c.has("actual_TCP_pose") && c.has("actual_TCP_force") && F_.known() && misfits_ <= Belief::kMostHeld;
+  if (misfits_ > Belief::kMostHeld) measured.warn(kOtherRobot);
+  robot_mode_ = static_cast<std::int32_t>(used("robot_mode"));
+  safety_ = static_cast<std::int32_t>(used("safety_mode"));
+  runtime_ = static_cast<std::int32_t>(std::min(used("runtime_state"), 2147483647.0));
+  // The register keeps what the program wrote last.
+  state_ = c.has("runtime_state") && runtime_ != 2 ? 0 : static_cast<std::int32_t>(used("output_int_register_25"));
+  speed_scaling_ = used("speed_scaling");
+  digital_in_ = static_cast<std::int32_t>(std::clamp(used("actual_digital_input_bits"), 0.0, 2147483647.0));
+  digital_out_ = static_cast<std::int32_t>(std::clamp(used("actual_digital_output_bits"), 0.0, 2147483647.0));
+  for (std::size_t i = 0; i < kRegisters; ++i) {
+    double_value_[i] = used("output_double_register_24", i);
+    int_value_[i] = static_cast<std::int32_t>(used("output_int_register_24", i));
+  }
+  follows_.see(robot_follows() ? 1 : 0);
+}
+
+void RtdeLink::read_forces() {
+  const rtde::Client& c = line_.client();
+  std::array<double, 6> pose, used_pose, F, torques;
   for (std::size_t i = 0; i < 6; ++i) {
     pose[i] = c.value("actual_TCP_pose", i);
+    used_pose[i] = used("actual_TCP_pose", i);
     F[i] = torques[i] = c.value("actual_TCP_force", i);
   }
-  const Pose X = rtde::from_ur_pose(pose);
-  const Eigen::Quaterniond Q(X.R);
-  p_ = {pose[0], pose[1], pose[2]};
+  const Eigen::Quaterniond Q(rtde::from_ur_pose(used_pose).R);
+  p_ = {used_pose[0], used_pose[1], used_pose[2]};
   quat_ = {Q.w(), Q.x(), Q.y(), Q.z()};
   if (kinematics_) {
-    const Pose X_BE = kinematics_->pose(measured.q);
+    const std::span<const double> q = c.values().subspan(c.directory().slot("actual_q"), n_);
+    const Pose X = rtde::from_ur_pose(pose), X_BE = kinematics_->pose(q);
     // A flange elsewhere than the URDF has it: J would be that of another robot. Calibrations are some millimetres. A single one is damaged.
     constexpr double kCalibration = 0.03;  // m
     const Eigen::Vector3d offset(c.value("tcp_offset", 0), c.value("tcp_offset", 1), c.value("tcp_offset", 2));
     const bool fits = !c.has("actual_TCP_pose") || !c.has("tcp_offset") || (X.p - X_BE * offset).norm() < kCalibration;
-    misfits_ = fits ? 0 : std::min(misfits_ + 1, BelievedTorques::kMostHeld + 1);
-    if (misfits_ > BelievedTorques::kMostHeld) measured.warn(kOtherRobot);
+    misfits_ = fits ? 0 : std::min(misfits_ + 1, Belief::kMostHeld + 1);
     // CB3 gives the force at the TCP; e-Series at the flange, unless it comes from a sensor of the user (ur_robot_driver, pull request 1287).
     const bool at_tcp = fits && c.version()[0] > 0 && c.version()[0] < 5;
-    kinematics_->torques_of(moved(Eigen::Map<const Wrench>(F.data()), at_tcp ? X.p : X_BE.p, X_BE.p), measured.q, torques);
+    kinematics_->torques_of(moved(Eigen::Map<const Wrench>(F.data()), at_tcp ? X.p : X_BE.p, X_BE.p), q, torques);
   }
-  if (!F_.add(torques, F, misfits_ == 0 || misfits_ > BelievedTorques::kMostHeld)) jumps_.count_implausible();
-  std::ranges::copy(F_.along(), F_e_.begin());
-  measured.has_tau_e = kinematics_ && c.has("actual_TCP_pose") && c.has("actual_TCP_force") && F_.known() &&
-                       misfits_ <= BelievedTorques::kMostHeld;
-  const bool gives = measured.has_tau_e && (!tau_e_gated_ || (following_ && command_));
-  std::ranges::fill(measured.tau_e, 0);
-  if (gives) std::ranges::copy(F_.torques(), measured.tau_e.begin());
+  if (const char* const why = F_.add(torques, F, misfits_ == 0 || misfits_ > Belief::kMostHeld)) belief_.count_implausible(why);
+  for (std::size_t i = 0; i < 6; ++i) F_e_[i] = F_.along(i);
 }
 
 void RtdeLink::count_reflected() {
@@ -314,12 +352,19 @@ void RtdeLink::count_reflected() {
   round_trip_ += (static_cast<double>(arrived_ - at) / 1e9 - round_trip_) / static_cast<double>(trips_);
 }
 
-bool RtdeLink::robot_ready() const {
+bool RtdeLink::is_ready(int robot_mode, int safety, int runtime) const {
   const rtde::Client& c = line_.client();
-  const bool runs = !c.has("robot_mode") || robot_mode_ == 7;
-  const bool safe = !c.has("safety_mode") || safety_ == 1 || safety_ == 2;
-  const bool plays = !c.has("runtime_state") || runtime_ == 2;
+  const bool runs = !c.has("robot_mode") || robot_mode == 7;
+  const bool safe = !c.has("safety_mode") || safety == 1 || safety == 2;
+  const bool plays = !c.has("runtime_state") || runtime == 2;
   return runs && safe && plays;
+}
+
+/// Whether the newest package says that the robot follows commands.
+bool RtdeLink::robot_follows() const {
+  const auto state = [&](const char* name) { return static_cast<int>(line_.client().value(name)); };
+  return is_ready(state("robot_mode"), state("safety_mode"), state("runtime_state")) &&
+         state("output_int_register_25") == static_cast<int>(rtde::FollowState::kFollowing);
 }
 
 /// Whether all values of double_command that are sent are finite; takes those that are. Until somebody acknowledges the last ones stay, or 0 where
@@ -375,16 +420,18 @@ bool RtdeLink::requests() const {
   return (waits || follows) && !acknowledgement_.awaits();
 }
 
+/// A command moves by one period at most, however long there was none. While the newest package alone says that the robot does not follow, it
+/// comes to rest.
 void RtdeLink::follow() {
-  const double elapsed = t_commanded_ >= 0 ? std::clamp(t_robot_ - t_commanded_, 0.0, timeout_) : 1 / frequency_;
+  const double elapsed = t_commanded_ >= 0 ? std::clamp(t_robot_ - t_commanded_, 0.0, period_) : period_;
   t_commanded_ = t_robot_;
   const Synchronisation::Gains gains{K_P_, K_D_, dq_command_max_, ddq_command_max_};
-  const bool robot_follows = robot_ready() && state_ == static_cast<std::int32_t>(rtde::FollowState::kFollowing);
+  const bool robot_follows = follows_.value != 0 && (following_ || belief_.agrees());
   if (following_ ? !robot_follows : robot_follows && !set_point_.believed()) demand_acknowledgement();
   const bool commanding = robot_follows && !acknowledgement_.awaits();
   // A program that still follows when the connection is set up goes on from where it is.
   if (!commanding || t_sent_ < 0) synchronisation_.start(q_robot_);
-  if (commanding && command_ && has_wanted_) {
+  if (commanding && command_ && has_wanted_ && follows_.is_sure()) {
     synchronisation_.command(q_wanted_, gains, elapsed);
     synchronisation_.measure(q_wanted_, line_.client().values().subspan(line_.client().directory().slot("actual_q"), n_), gains,
                              elapsed);
@@ -426,7 +473,7 @@ void RtdeLink::append_notes(std::vector<std::string>& sentences) const {
   }
   sentences.push_back("robot: " + text::counted(received_, "data package") + ", " + std::to_string(skipped_) + " left out, " +
                       text::counted(sent_, "command"));
-  jumps_.append_notes(sentences, "package");
+  belief_.append_notes(sentences, "package");
   if (acknowledgement_.awaits())
     sentences.emplace_back("at the end nothing was commanded: acknowledge had not risen since a loss");
   if (losses_ > 0) {

@@ -3,11 +3,12 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "components/io/emulators/ur/follower.h"
 #include "components/io/link/acknowledgement.h"
-#include "components/io/link/believed.h"
+#include "components/io/link/belief.h"
 #include "components/io/link/link.h"
 #include "components/io/link/robot_kinematics.h"
 #include "components/io/links/gain_check.h"
@@ -21,10 +22,11 @@ namespace cotwin::io {
 /// A Universal Robots arm behind RTDE: the PC's side. A step takes the data packages that have come and gives the newest:
 ///   q, q̇       actual_q, actual_qd;  q̈: differences of q̇ by the robot's time, low-pass `ddq_cutoff`
 ///   τ          actual_current_as_torque; else actual_current × torque_per_current, if that is given; else none
-///   τ_e        J^T actual_TCP_force, at the flange (e-Series) or the TCP (CB3), if the robot's URDF is given; else none. What is believed of q, τ, τ_e and target_q: believed.h
+///   τ_e        J^T actual_TCP_force, at the flange (e-Series) or the TCP (CB3), if the robot's URDF is given; else none. What is believed of all of them: belief.h
 ///   command    mode=monitor: nothing is written; mode=position: registers that the program follow.script on the robot follows (rtde/follower.h), one command per step with new
 ///              data, from q_command with the PD synchronisation (synchronisation.h); until the robot follows, its own target position
-/// A robot that sends nothing for `timeout` is not connected: q and τ are held, q̇, q̈ and τ_e are 0. Connections are set up again without
+/// Where the robot's program or safety does not let it follow, the command comes to rest at once; that has ended when three packages in a row say so.
+/// A robot that sends nothing that is believed for `timeout` is not connected: q and τ are held, q̇, q̈ and τ_e are 0. Connections are set up again without
 /// end. After a loss, a step back of the robot's clock, a jump of its position, or when its program does not follow any more, it is asked to
 /// rest until the input `acknowledge` rises (acknowledgement.h). Commands then begin at the robot's own target position.
 /// Inputs that are not finite, and positions beyond rtde::kLargestNumber, are not sent: their last usable values are (`refused`).
@@ -50,10 +52,12 @@ class RtdeLink final : public Link {
   bool waits(double t, std::int64_t host, Time now);
   bool is_believed(double t, std::int64_t host);
   void measure(Measured& measured, Time now);
-  void measure_forces(Measured& measured);
+  void read_others(Measured& measured);
+  void read_forces();
   void forget();
   void count_reflected();
   bool read_registers();
+  double used(std::string_view name, std::size_t i = 0) const;
   void send(const Command& command, Measured& measured);
   void follow();
   bool requests() const;
@@ -62,16 +66,21 @@ class RtdeLink final : public Link {
   }
   void note_loss(Measured& measured);
   void write_outputs();
-  bool robot_ready() const;
+  bool robot_ready() const { return is_ready(robot_mode_, safety_, runtime_); }
+  bool is_ready(int robot_mode, int safety, int runtime) const;
+  bool robot_follows() const;
 
   std::size_t n_;
   RtdeLine line_;
   Synchronisation synchronisation_;
   GainCheck gains_{33};  // 1/s: the lookahead time of the program on the robot
   Acknowledgement acknowledgement_;
-  JumpDetector jumps_;
+  Belief belief_;
   BelievedTorques tau_, F_;  // the force by its joint torques
   BelievedSetPoint set_point_;
+  BelievedNumbers numbers_;                    // of RTDE, by slots
+  std::vector<std::size_t> slots_;             // of those that come
+  ConfirmedState follows_;                     // the robot, the commands
   std::optional<RobotKinematics> kinematics_;  // if the robot's URDF is given
   bool commands_ = false;                      // mode=position
   // Inputs.
@@ -106,6 +115,8 @@ class RtdeLink final : public Link {
   double t_sent_ = -1;            // s, robot's time of the last command that was sent; −1: none
   double t_commanded_ = -1;       // s, robot's time when the last command was chosen; −1: none
   double elapsed_ = 0;            // s, robot's time between the last two packages
+  double since_used_ = 0;         // s, robot's time since the last one that was used
+  double period_ = 0;             // s, between two commands: a package, or a step if that is longer
   std::vector<double> q_wanted_;  // the last usable q_command
   bool has_wanted_ = false;
   std::array<double, kRegisters> registers_sent_{};  // the last finite values of double_command
@@ -117,9 +128,9 @@ class RtdeLink final : public Link {
   std::int32_t counter_ = 0, reflected_ = 0;
   std::array<std::int64_t, 256> sent_at_{};  // ns, host, by counter
   std::int64_t trips_ = 0;
-  std::vector<double> q_target_;              // rad, target_q that is believed
-  int misfits_ = BelievedTorques::kMostHeld;  // poses in a row that do not fit to the URDF
-  double lost_time_ = 0;                      // s
+  std::vector<double> q_target_;     // rad, target_q that is believed
+  int misfits_ = Belief::kMostHeld;  // poses in a row that do not fit to the URDF
+  double lost_time_ = 0;             // s
 };
 
 }  // namespace cotwin::io

@@ -45,7 +45,7 @@ void RtdeLink::declare(Variables& v, JointVariables& joints) {
   v.output("rejected", rejected_,
            "packages that could not be read, with numbers that are not finite or larger than 1e9, or with a time stamp that "
            "jumps by more than 1 h");
-  jumps_.declare(v, "packages");
+  belief_.declare(v, "packages");
   v.output("sent", sent_, "commands sent");
   v.output("unsent", unsent_, "commands that the network did not take in time");
   v.output("refused", refused_,

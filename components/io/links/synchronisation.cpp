@@ -35,7 +35,9 @@ void Synchronisation::measure(std::span<const double> q_v, std::span<const doubl
 std::span<const double> Synchronisation::command(std::span<const double> q_v, const Gains& gains, double h) {
   since_start_ += h;
   for (std::size_t i = 0; i < q_.size(); ++i) {
-    const double target = q_v[i] + correction_[i], most = gains.dq_max[i] * share(), change = gains.ddq_max * h;
+    const double target = q_v[i] + correction_[i], change = gains.ddq_max * h;
+    // After rest() the command may still move faster than the soft start allows.
+    const double most = std::max(gains.dq_max[i] * share(), std::min(std::abs(dq_[i]) - change, gains.dq_max[i]));
     if (!std::isfinite(target) || !(most >= 0) || !(h > 0)) {
       rest(i, gains, h);
       if (!has_target_) target_[i] = q_[i];
@@ -51,6 +53,10 @@ std::span<const double> Synchronisation::command(std::span<const double> q_v, co
   }
   has_target_ = true;
   return q_;
+}
+
+void Synchronisation::go_on(double time) {
+  for (std::size_t i = 0; i < q_.size(); ++i) q_[i] += dq_[i] * time;
 }
 
 void Synchronisation::rest(std::size_t i, const Gains& gains, double h) {

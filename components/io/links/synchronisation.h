@@ -35,6 +35,8 @@ class Synchronisation {
   /// The command of a cycle, h seconds after the last one.
   std::span<const double> command(std::span<const double> q_v, const Gains& gains, double h);
 
+  /// The robot has gone on with the speed of the last commands for so many s without new ones: the next one goes on from there.
+  void go_on(double time);
   /// Instead of command(): the command comes to rest.
   std::span<const double> rest(const Gains& gains, double h);
   /// Of the soft start, 0 to 1.

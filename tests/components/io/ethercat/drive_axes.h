@@ -59,11 +59,12 @@ struct Axes {
     for (int n = 0; n < 300 && !boolean("drives_enabled"); ++n) steps(1);
     return boolean("drives_enabled");
   }
+  /// Is off, and then on for the least time that counts, which ends with the last step.
   void acknowledge() {
     set("acknowledge", "false");
-    steps(1);
+    steps(3);
     set("acknowledge", "true");
-    steps(1);
+    steps(50);
     set("acknowledge", "false");
   }
   std::vector<std::string> told() {

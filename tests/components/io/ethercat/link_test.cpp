@@ -187,7 +187,7 @@ TEST(EtherCatLink, AnEncoderThatIsElsewhereIsALossAndMovesNothing) {
   EXPECT_FALSE(io.boolean("valves_field", 3)) << "outputs are off";
   io.instance.variables.at("q_field").reals()[0] = 1.01;
   io.set("acknowledge", "true");
-  io.steps(20);
+  io.steps(60);
   EXPECT_NEAR(io.real("q"), 0.01, 2e-5) << "it goes on from where it was";
   EXPECT_TRUE(io.boolean("valves_field", 3));
   std::vector<std::string> told;
@@ -236,7 +236,7 @@ TEST(EtherCatLink, SwitchesOutputsOnAgainAsItsRestartSays) {
       io.steps(5);
       EXPECT_EQ(io.boolean("valves_field", 0), restart == "automatic");
       io.set("acknowledge", 0, true);
-      io.steps(3);
+      io.steps(52);
       EXPECT_TRUE(io.boolean("valves_field", 0)) << restart;
       EXPECT_FALSE(io.boolean("awaits_acknowledgement"));
     }

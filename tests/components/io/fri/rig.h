@@ -116,19 +116,19 @@ struct Rig {
     m.state = SessionState::kCommandingWait;
     if (protocol != Protocol::kLwr) period();
     m.state = SessionState::kCommandingActive;
-    period();
+    for (int k = 0; k < 60 && !twin.boolean("commanding"); ++k) period();
     ASSERT_TRUE(twin.boolean("commanding"));
   }
   /// Until the soft start is over.
   void settle() {
     for (int k = 0; k < 260; ++k) period();
   }
-  /// `acknowledge` rises in the next period.
+  /// `acknowledge` is off, and then on for the least time that counts, which ends with the last period.
   void acknowledge() {
     twin.set("acknowledge", "false");
-    period();
+    for (int k = 0; k < 3; ++k) period();
     twin.set("acknowledge", "true");
-    period();
+    for (int k = 0; k < 25; ++k) period();
   }
   /// rad, of the numbers on the wire.
   double rounding() const { return protocol == Protocol::kLwr ? 3e-7 : 1e-12; }

@@ -12,7 +12,7 @@
 #include <thread>
 #include <vector>
 
-#include "components/io/link/acknowledgement.h"
+#include "components/io/link/belief.h"
 #include "components/io/link/datagram_queue.h"
 #include "components/io/links/rtde_line.h"
 #include "tests/components/io/rtde/bytes.h"
@@ -124,15 +124,18 @@ struct Beside {
     }
     return done();
   }
+  /// Until commands may begin.
   bool connects() {
-    return until([&] { return twin.boolean("connected"); });
+    const bool connected = until([&] { return twin.boolean("connected"); });
+    periods(50);
+    return connected;
   }
-  /// `acknowledge` rises in the next period.
+  /// `acknowledge` is off, and then on for the least time that counts, which ends with the last period.
   void acknowledge() {
     twin.set("acknowledge", "false");
-    period();
+    periods(3);
     twin.set("acknowledge", "true");
-    period();
+    periods(25);
   }
   double request() { return robot.controller.at("input_int_register_25"); }
   double command(std::size_t i) { return robot.controller.at("input_double_register_24", i); }
@@ -189,7 +192,7 @@ TEST(RtdeLink, BeginsAtTheRobotThoughItsProgramFollowsAlready) {
     const std::uint64_t before = s.robot.controller.statistics().received;
     ASSERT_TRUE(s.until([&] { return s.robot.controller.statistics().received > before; }));
     for (std::size_t i = 0; i < 6; ++i) EXPECT_NEAR(s.command(i), s.robot.q[i], 0.5 * 0.002 * 3);
-    s.periods(5);
+    s.periods(55);
     EXPECT_EQ(s.twin.boolean("commanding"), session == 0) << "after a loss it asks for rest until somebody acknowledges";
     EXPECT_EQ(s.request(), session == 0 ? 1 : 0);
     // It is moved while the connection is set up again; the clock waits meanwhile, so that the twin makes no step.
@@ -240,8 +243,8 @@ TEST(RtdeLink, ALossARestartOrAJumpIsFollowedByNothingUntilItIsAcknowledged) {
       }
       s.robot.say(event == "stop" ? 3 : 2);
     }
-    if (event == "jump" || event == "clock") s.periods(JumpDetector::kMostHeld);  // nothing is sent
-    if (event == "restart") s.periods(1);                                         // nor before a second package
+    if (event == "jump" || event == "clock") s.periods(Belief::kMostHeld);  // nothing is sent
+    if (event == "restart") s.periods(Belief::kMostHeld);                   // nor before five packages
     for (int k = 0; k < 100; ++k) {
       s.period();
       ASSERT_EQ(s.request(), 0) << k;
@@ -331,7 +334,7 @@ TEST(RtdeLink, OneTimeStampIsNotUsedButAClockThatStepsIsFound) {
 
 TEST(RtdeLink, CommandsBeginWhereTheRobotIsThoughItsSetPointIsDamaged) {
   for (const double off : {0.02, 0.5, -3.0}) {
-    for (const int where : {-1, 0, 20}) {
+    for (const int where : {-1, 0, 1, 2, 3, 20}) {
       SCOPED_TRACE(::testing::Message() << off << " rad, package " << where);
       Beside s;
       s.start();
@@ -344,12 +347,13 @@ TEST(RtdeLink, CommandsBeginWhereTheRobotIsThoughItsSetPointIsDamaged) {
         ASSERT_NEAR(s.command(2), s.robot.q[2], 1e-9) << k;
         ASSERT_NEAR(s.twin.real("q_robot", 2), s.robot.q[2], 1e-9) << k;
       }
-      EXPECT_EQ(s.twin.boolean("awaits_acknowledgement"), where < 1);
-      if (where < 1) {
+      const bool begins = where == 1 || where == 2;  // with the third package, for which it and the one before it count
+      EXPECT_EQ(s.twin.boolean("awaits_acknowledgement"), begins);
+      if (begins) {
         s.robot.say(1);
         s.acknowledge();
         s.robot.say(2);
-        s.period();
+        s.periods(3);
       }
       EXPECT_EQ(s.request(), 1);
       EXPECT_TRUE(s.twin.boolean("commanding"));
@@ -386,7 +390,7 @@ TEST(RtdeLink, OutputsAndRegistersStayUntilTheLossIsAcknowledged) {
     s.twin.set("digital_command", "2");
     s.twin.reals("double_command")[20] = 0.75;
     s.twin.instance.variables.at("int_command").integers()[20] = 7;
-    s.periods(5);
+    s.periods(60);
     EXPECT_EQ(s.twin.integer("connections"), hangs_up ? 2 : 1);
     EXPECT_EQ(s.robot.controller.at("standard_digital_output_mask"), 0);
     EXPECT_EQ(s.robot.controller.at("input_double_register_44"), hangs_up ? 0 : 0.5);
@@ -425,9 +429,11 @@ TEST(RtdeLink, GoesOnByItselfOnlyIfItIsAskedTo) {
   s.periods(5);
   s.robot.say(3);
   s.periods(2);
+  EXPECT_EQ(s.request(), 1) << "what was asked stays until three packages say so";
+  s.period();
   EXPECT_EQ(s.request(), 0) << "the program needs the end of the request";
   s.robot.say(1);
-  s.periods(2);
+  s.periods(3);
   EXPECT_EQ(s.request(), 1);
   EXPECT_FALSE(s.twin.boolean("awaits_acknowledgement"));
 }

@@ -81,9 +81,9 @@ struct Session {
   }
   void acknowledge() {
     twin.set("acknowledge", "false");
-    period();
+    periods(3);
     twin.set("acknowledge", "true");
-    period();
+    periods(25);
   }
   bool commands() {
     return until([&] { return twin.boolean("commanding") && robot.boolean("active"); });
@@ -143,10 +143,13 @@ TEST(RtdeLink, GivesTheJointTorquesOfTheReportedForce) {
       ++s.n;
       return Eigen::Vector3d(s.twin.real("p", 0), s.twin.real("p", 1), s.twin.real("p", 2));
     };
-    for (std::size_t i = 0; i < 6; ++i) expected[i] = f.dot(put(i, kStep) - put(i, -kStep)) / (2 * kStep);
+    const auto place = [&](std::size_t joint, double offset) {
+      for (int k = 0; k < 2; ++k) put(joint, offset);
+      return put(joint, offset);
+    };
+    for (std::size_t i = 0; i < 6; ++i) expected[i] = f.dot(place(i, kStep) - place(i, -kStep)) / (2 * kStep);
     std::ranges::copy(expected, s.robot.reals("tau_e").begin());
-    put(0, 0);
-    put(0, 0);  // a step of the force waits for the next package
+    for (int k = 0; k < 3; ++k) put(0, 0);  // a step of the force comes with the third package
     for (std::size_t i = 0; i < 6; ++i) EXPECT_NEAR(s.twin.real("tau_e", i), expected[i], 1e-4) << i;
     const Eigen::Vector3d force(s.twin.real("F_e", 0), s.twin.real("F_e", 1), s.twin.real("F_e", 2));
     const Eigen::Vector3d moment(s.twin.real("F_e", 3), s.twin.real("F_e", 4), s.twin.real("F_e", 5));
