@@ -38,13 +38,14 @@ void Acknowledgement::demand() {
 
 void Acknowledgement::decide(bool ready, bool believed, double h) {
   constexpr double kRounding = 1e-9;  // s, of a sum of steps
+  if (acknowledge_ && !ready) low_ = 0;
   if (!believed) return;
   if (!acknowledge_) {
     low_ = high_ > 0 ? 1 : std::min(low_ + 1, kLowSteps);
     high_ = 0;
     return;
   }
-  if (low_ < kLowSteps || !ready) low_ = 0;
+  if (low_ < kLowSteps) low_ = 0;
   high_ = low_ > 0 ? high_ + h : 0;
   if (high_ >= kHighTime - kRounding) awaits_ = false;
 }

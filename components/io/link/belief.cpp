@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <limits>
 #include <utility>
 
@@ -11,14 +12,11 @@ namespace cotwin::io {
 
 namespace {
 
-constexpr double kLongestWindow = 0.5;  // s
-
 constexpr const char* kWrongTime = "its time does not follow from those before";
 constexpr const char* kTooFast = "a speed is beyond twice the limit of its joint in the URDF";
 constexpr const char* kNoMotion = "no motion explains a position";
 constexpr const char* kTooStrong = "a torque is beyond ten times the effort of its joint in the URDF, or its pose does not fit";
 constexpr const char* kTooShort = "a torque or force lasted for less than three messages";
-constexpr const char* kDisagreement = "position and speed disagree";
 
 }  // namespace
 
@@ -67,20 +65,12 @@ void ConfirmedState::see(int now) {
 }
 
 Belief::Belief(std::span<const trajectory::Axis> axes, int first)
-    : largest_jump_(axes.size(), kLargestJump),
-      step_(axes.size()),
-      dq_step_(axes.size()),
-      first_(first),
-      believed_(axes.size()),
-      recent_(axes.size()) {
+    : largest_jump_(axes.size(), kLargestJump), first_(first), believed_(axes.size()), recent_(axes.size()) {
   for (const trajectory::Axis& axis : axes) {
-    names_.push_back(axis.name);
     fastest_.push_back(largest_speed(axis));
     q_least_.push_back(axis.q_min - kMargin);
     q_most_.push_back(axis.q_max + kMargin);
   }
-  for (Moment& moment : window_)
-    for (std::vector<double>* values : {&moment.q, &moment.dq, &moment.way, &moment.covered}) values->resize(axes.size());
 }
 
 void Belief::declare(Variables& v, const std::string& what) {
@@ -93,7 +83,6 @@ void Belief::declare(Variables& v, const std::string& what) {
 void Belief::begin() {
   forget();
   implausible_ = 0;
-  named_ = -1;
 }
 
 void Belief::count_implausible(const char* reason) {
@@ -105,38 +94,24 @@ void Belief::append_notes(std::vector<std::string>& sentences, const std::string
   if (implausible_ == 0) return;
   sentences.push_back(text::counted(implausible_, one) + " not used or not wholly, last because " + reason_ +
                       " (damaged, or of another scale)");
-  if (named_ >= 0) sentences.push_back(disagreement());
 }
 
-std::string Belief::disagreement() const {
-  if (named_ < 0) return "";
-  return names_[static_cast<std::size_t>(named_)] + " has moved by " + text::to_text(named_q_, 3) +
-         " rad (m), its speed gives " + text::to_text(named_dq_, 3) + ": one of them is damaged or has a wrong scale";
-}
-
-void Belief::set_resolution(std::size_t i, double resolution, double speed) {
+void Belief::set_resolution(std::size_t i, double resolution) {
   largest_jump_[i] = std::max(kLargestJump, kLargestCounts * std::abs(resolution));
-  step_[i] = std::abs(resolution);
-  dq_step_[i] = std::abs(speed);
 }
 
 void Belief::forget() {
-  expect_jump();
-  recent_.positions = 0;
+  believed_.positions = recent_.positions = in_a_row_ = 0;
   since_ = 0;
   lost_ = held_ = false;
 }
 
-void Belief::expect_jump() {
-  believed_.positions = in_a_row_ = 0;
-  moments_ = 0;
-  compared_ = false;
-  disagrees_ = -1;
-}
-
 void Belief::Track::append(std::span<const double> q_next, double elapsed) {
+  // What is damaged by less than a jump gives no speed that leads away.
+  const double change = kLargestAcceleration * (elapsed + interval) / 2;
   for (std::size_t i = 0; i < q.size(); ++i) {
-    if (positions > 0) dq[i] = (q_next[i] - q[i]) / elapsed;
+    const double mean = positions > 0 ? (q_next[i] - q[i]) / elapsed : 0;
+    dq[i] = positions > 1 ? std::clamp(mean, dq[i] - change, dq[i] + change) : mean;
     q[i] = q_next[i];
   }
   duration = positions > 0 ? duration + elapsed : 0;
@@ -190,42 +165,58 @@ Belief::Verdict Belief::add(std::span<const double> q, double elapsed, bool in_t
   return plausible ? Verdict::kPlausible : begun ? Verdict::kFirst : Verdict::kJump;
 }
 
-void Belief::compare(std::span<const double> q, std::span<const double> dq, double elapsed, bool counts) {
+Agreement::Agreement(std::span<const trajectory::Axis> axes) : step_(axes.size()), dq_step_(axes.size()) {
+  for (const trajectory::Axis& axis : axes) names_.push_back(axis.name);
+  for (Moment& moment : window_) moment.q = moment.dq = moment.way = moment.covered = step_;
+}
+
+void Agreement::set_resolution(std::size_t i, double step, double dq_step) {
+  step_[i] = std::abs(step);
+  dq_step_[i] = std::abs(dq_step);
+}
+
+void Agreement::forget() {
+  moments_ = 0;
+  complete_ = false;
+  disagrees_ = -1;
+}
+
+const char* Agreement::compare(std::span<const double> q, std::span<const double> dq, double elapsed) {
   constexpr double kMissing = 3.5;  // periods: three messages
-  if (!(elapsed > 0) || (moments_ > 1 && elapsed > kMissing * shortest_)) moments_ = 0;
+  if (!(elapsed > 0) || (moments_ > 1 && elapsed > kMissing * shortest_)) forget();
   const bool begins = moments_ == 0;
   const Moment& before = window_[(oldest_ + moments_ + kWindow - 1) % kWindow];
   if (moments_ == kWindow) oldest_ = (oldest_ + 1) % kWindow, --moments_;
   Moment& now = window_[(oldest_ + moments_++) % kWindow];
   now.t = begins ? 0 : before.t + elapsed;
-  if (begins) compared_ = false;
   shortest_ = moments_ <= 2 ? elapsed : std::min(shortest_, elapsed);
   for (std::size_t i = 0; i < q.size(); ++i) {
-    const double mean = begins ? 0 : (before.dq[i] + dq[i]) / 2 * elapsed;
-    now.way[i] = begins ? 0 : before.way[i] + mean;
-    now.covered[i] = begins ? 0 : before.covered[i] + std::abs(mean);
+    const double way = begins ? 0 : (before.dq[i] + dq[i]) / 2 * elapsed;
+    now.way[i] = begins ? 0 : before.way[i] + way;
+    now.covered[i] = begins ? 0 : before.covered[i] + std::abs(way);
     now.q[i] = q[i];
     now.dq[i] = dq[i];
   }
-  while (now.t - window_[oldest_].t > kLongestWindow) oldest_ = (oldest_ + 1) % kWindow, --moments_;
-  compared_ = compared_ || moments_ == kWindow || now.t >= kLongestWindow;
-  const int disagreed = std::exchange(disagrees_, disagreeing(window_[oldest_], now));
-  if (disagrees_ < 0 || disagreed >= 0 || !counts) return;
-  count_implausible(kDisagreement);
-  const auto i = static_cast<std::size_t>(named_ = disagrees_);
-  named_q_ = now.q[i] - window_[oldest_].q[i];
-  named_dq_ = now.way[i] - window_[oldest_].way[i];
+  while (now.t - window_[oldest_].t > kLongest) oldest_ = (oldest_ + 1) % kWindow, --moments_;
+  const Moment& oldest = window_[oldest_];
+  complete_ = complete_ || moments_ == kWindow || now.t >= kLongest;
+  const int before_joint = std::exchange(disagrees_, disagreeing(oldest, now));
+  if (disagrees_ < 0 || before_joint >= 0) return nullptr;
+  const auto i = static_cast<std::size_t>(disagrees_);
+  std::snprintf(why_.data(), why_.size(), "%s has moved by %.3g, and by %.3g as its speed or set point says, rad or m",
+                names_[i].c_str(), now.q[i] - oldest.q[i], now.way[i] - oldest.way[i]);
+  return why_.data();
 }
 
 /// The first joint whose position has not moved as its speed says; −1: none. Drives filter their speeds, by which these are late; a difference is late by
 /// half of its time.
-int Belief::disagreeing(const Moment& from, const Moment& to) const {
+int Agreement::disagreeing(const Moment& from, const Moment& to) const {
   constexpr double kSlack = 2e-3, kShare = 0.05, kFilter = 0.02;  // rad, 1, s
   const double late = kFilter + shortest_ / 2;
   for (std::size_t i = 0; i < to.q.size(); ++i) {
     const double bound = kSlack + kShare * (to.covered[i] - from.covered[i]) + late * std::abs(to.dq[i] - from.dq[i]) +
                          step_[i] + dq_step_[i] * (to.t - from.t);
-    // Not a number: the speed is not given.
+    // False for what is not a number.
     if (std::abs(to.q[i] - from.q[i] - (to.way[i] - from.way[i])) > bound) return static_cast<int>(i);
   }
   return -1;
@@ -261,22 +252,33 @@ const char* BelievedTorques::add(std::span<const double> tau, std::span<const do
 
 void BelievedSetPoint::forget() {
   positions_.forget();
+  moves_.forget();
   first_ = believed_ = before_ = true;
+  points_ = 0;
+  since_ = 0;
   std::ranges::fill(offset_, 0);
 }
 
-void BelievedSetPoint::take(std::span<double> q, std::span<const double> q_measured, double elapsed, bool measured,
-                            bool yields) {
+const char* BelievedSetPoint::take(std::span<double> q, std::span<const double> q_measured, double elapsed, bool measured,
+                                   bool yields, bool follows) {
   before_ = believed_;
-  const bool follows = positions_.add(q, elapsed) != Belief::Verdict::kHeld, first = std::exchange(first_, false);
+  since_ += elapsed;
+  yields_ = yields;
+  const bool explained = positions_.add(q, elapsed) != Belief::Verdict::kHeld, first = std::exchange(first_, false);
   bool near = true;
   for (std::size_t i = 0; i < q.size() && measured; ++i) near = near && std::abs(q[i] - q_measured[i]) <= kFarthest;
-  believed_ = first ? near : follows && (near || yields);
-  if (!measured) return;
+  believed_ = first ? near : explained && (near || yields);
+  if (!measured) return nullptr;
   for (std::size_t i = 0; i < q.size(); ++i) {
     if (believed_) offset_[i] = q[i] - q_measured[i];
     q[i] = q_measured[i] + offset_[i];
   }
+  if (follows || yields) return nullptr;
+  const double since = std::exchange(since_, 0);
+  points_ = since > 0 ? points_ + 1 : 1;
+  for (std::size_t i = 0; i < q.size(); ++i) dq_[i] = points_ > 1 ? (q[i] - before_q_[i]) / since : 0;
+  std::ranges::copy(q, before_q_.begin());
+  return moves_.compare(q_measured, dq_, points_ > 2 ? since : 0);  // the first one has no speed
 }
 
 }  // namespace cotwin::io

@@ -63,9 +63,8 @@ struct ConfirmedState {
 ///               follow from one another in this way. The first positions after begin() and forget() are used from the `first`th on that does so
 ///   range       a speed beyond largest_speed() or a time that does not follow: held. What is further than kMargin beyond the limits of position is
 ///               used only if the positions have followed from one another for kOutsideTime
-///   agreement   over the last kWindow messages (at most 0.5 s) a position moves as its speed says. Commands may begin only then
-/// A message whose position is held is held as a whole: its caller uses nothing else of it, as long as it commands anything. So three equal damaged
-/// values of five, five damaged positions that follow from one another, and a position that drifts as its damaged speed says are believed.
+/// A message whose position is held is held as a whole: its caller uses nothing else of it, as long as it commands anything. So five damaged positions
+/// that follow from one another, and one that drifts by less than kLargestJump a message, are believed: Agreement finds these.
 class Belief {
  public:
   static constexpr double kLargestJump = 5e-3;        // rad (prismatic: m), or kLargestCounts if they are more
@@ -74,7 +73,6 @@ class Belief {
   static constexpr int kMostHeld = 4;
   static constexpr double kMargin = 0.1;       // rad (prismatic: m)
   static constexpr double kOutsideTime = 0.5;  // s
-  static constexpr std::size_t kWindow = 50;
   /// kFirst: used without one before; kJump: used because of those that were held.
   enum class Verdict : std::uint8_t { kPlausible, kHeld, kJump, kFirst };
 
@@ -84,12 +82,12 @@ class Belief {
   void declare(Variables& v, const std::string& what);
   /// The start of a run.
   void begin();
-  /// The positions of joint i are multiples of this, rad (prismatic: m), its speeds of `speed`, rad/s.
-  void set_resolution(std::size_t i, double resolution, double speed = 0);
+  /// The positions of joint i are multiples of this, rad (prismatic: m).
+  void set_resolution(std::size_t i, double resolution);
   /// Nothing is known: the next positions are the first ones.
   void forget();
   /// The robot sets its positions anew (homing): the next one is used if it follows from the one before, whatever was believed.
-  void expect_jump();
+  void expect_jump() { believed_.positions = in_a_row_ = 0; }
   /// A position, `elapsed` seconds after the one of the last call; 0: not known. `in_time`: whether its time follows from the times before.
   /// `possible`: whether the rest of the message can be true; otherwise it is held, however often it comes.
   Verdict add(std::span<const double> q, double elapsed, bool in_time = true, bool possible = true);
@@ -97,14 +95,6 @@ class Belief {
   bool is_held() const { return held_; }
   /// Whether joint i can have this measured speed, rad/s.
   bool allows(std::size_t i, double dq) const { return std::abs(dq) <= fastest_[i]; }
-
-  /// A believed position and its speed as the device gives it, rad/s, `elapsed` seconds after those of the last call; a speed that is not
-  /// finite is not given. A difference is counted where `counts`.
-  void compare(std::span<const double> q, std::span<const double> dq, double elapsed, bool counts);
-  /// Whether kWindow messages, or those of 0.5 s, agreed. They begin anew after three missing ones, and after forget().
-  bool agrees() const { return compared_ && disagrees_ < 0; }
-  /// The joint that does not agree, and the figures of its last difference: "q2 has moved by 0.05 rad (m), its speed gives 0 rad (m)"; "" if none has.
-  std::string disagreement() const;
 
   /// Counts a message that is not plausible, because `reason`.
   void count_implausible(const char* reason);
@@ -118,42 +108,60 @@ class Belief {
   struct Track {
     explicit Track(std::size_t n) : q(n), dq(n) {}
     void append(std::span<const double> q_next, double elapsed);
-    std::vector<double> q, dq;  // the last position, and the mean speed up to it
+    std::vector<double> q, dq;  // the last position, and the mean speed up to it, within kLargestAcceleration
     double interval = 0;        // s, of that speed
     double duration = 0;        // s, from the first position to the last
     int positions = 0;          // one has no speed yet
   };
-  /// What compare() has seen, from the beginning of its window on.
-  struct Moment {
-    double t = 0;                             // s
-    std::vector<double> q, dq, way, covered;  // rad, rad/s; integrals of the speed and of its amount, rad
-  };
   bool explains(const Track& track, std::span<const double> q, double elapsed) const;
   bool is_confirmed(std::span<const double> q) const;
-  int disagreeing(const Moment& from, const Moment& to) const;
 
   // Per joint.
-  std::vector<std::string> names_;
   std::vector<double> fastest_;           // rad/s
   std::vector<double> largest_jump_;      // rad
   std::vector<double> q_least_, q_most_;  // rad, with kMargin
-  std::vector<double> step_, dq_step_;    // resolution, rad, rad/s
   int first_;
   Track believed_, recent_;  // positions that were used, and the last ones whether used or not
   double since_ = 0;         // s since the last one that was used
   int in_a_row_ = 0;         // that were held
   bool lost_ = false;        // what was believed is too old
   bool held_ = false;
-  // By compare().
+  std::int32_t implausible_ = 0;
+  const char* reason_ = "";  // of the last one
+};
+
+/// Whether positions move as their speeds say. Commands may begin only then: over the last kWindow messages, or kLongest, a position that is damaged by
+/// less than Belief finds in each message has drifted away from where the robot is.
+class Agreement {
+ public:
+  static constexpr std::size_t kWindow = 50;
+  static constexpr double kLongest = 0.5;  // s
+
+  explicit Agreement(std::span<const trajectory::Axis> axes);
+
+  /// The positions of joint i are multiples of `step`, rad (prismatic: m), its speeds of `dq_step`, rad/s.
+  void set_resolution(std::size_t i, double step, double dq_step);
+  void forget();
+  /// A believed position and its speed, rad/s, `elapsed` s after those of the last call; 0: they are the first ones, as after three missing messages. A
+  /// speed that is not finite is not given. Returns why they do not agree, where those before did, else nullptr.
+  const char* compare(std::span<const double> q, std::span<const double> dq, double elapsed);
+  bool holds() const { return complete_ && disagrees_ < 0; }
+
+ private:
+  struct Moment {
+    double t = 0;                             // s
+    std::vector<double> q, dq, way, covered;  // rad, rad/s; integrals of the speed and of its amount, rad
+  };
+  int disagreeing(const Moment& from, const Moment& to) const;
+
+  std::vector<std::string> names_;
+  std::vector<double> step_, dq_step_;  // rad, rad/s
   std::array<Moment, kWindow> window_;
   std::size_t oldest_ = 0, moments_ = 0;
   double shortest_ = 0;    // s, between two messages
-  bool compared_ = false;  // there were enough
-  int disagrees_ = -1;     // joint; −1: none
-  int named_ = -1;         // the last one, and its figures, rad
-  double named_q_ = 0, named_dq_ = 0;
-  std::int32_t implausible_ = 0;
-  const char* reason_ = "";  // of the last one
+  bool complete_ = false;  // there were enough
+  int disagrees_ = -1;     // the first joint that does; −1: none
+  std::array<char, 160> why_{};
 };
 
 /// The torques of a robot's messages, of which the middle one of five is used (BelievedNumbers). A torque beyond kLargest times the effort of its
@@ -186,24 +194,35 @@ class BelievedTorques {
 
 /// Where a robot commands itself to be, from which commands begin. What does not follow from the positions of the messages before (Belief), or
 /// is further than kFarthest from where the robot was measured, may be damaged: the measured position is taken instead, with the difference
-/// from it that was believed last.
+/// from it that was believed last. It has to move as the measured position does (Agreement), unless the robot yields.
 class BelievedSetPoint {
  public:
   static constexpr double kFarthest = 0.1;  // rad (prismatic: m)
 
-  explicit BelievedSetPoint(std::span<const trajectory::Axis> axes) : positions_(axes, 2), offset_(axes.size()) {}
+  explicit BelievedSetPoint(std::span<const trajectory::Axis> axes)
+      : positions_(axes, 2), moves_(axes), offset_(axes.size()), before_q_(axes.size()), dq_(axes.size()) {}
 
   /// The next set point is the first one.
   void forget();
   /// The set point `q` of a message, replaced unless it is believed. `elapsed`: s since the message before; `measured`: whether the position measured
-  /// there, q_measured, is believed, else nothing is replaced; `yields`: the robot is impedance-controlled and may be anywhere beside its set point.
-  void take(std::span<double> q, std::span<const double> q_measured, double elapsed, bool measured, bool yields);
+  /// there, q_measured, is believed, else nothing is replaced; `yields`: the robot is impedance-controlled and may be anywhere beside its set point; `follows`: it follows commands already. Returns why the two do not
+  /// move alike, where they did before, else nullptr.
+  const char* take(std::span<double> q, std::span<const double> q_measured, double elapsed, bool measured, bool yields,
+                   bool follows);
+  /// Another source: it may be elsewhere, and moves differently.
+  void switch_source() { points_ = 0; }
   /// Whether those of the last two messages were.
   bool believed() const { return believed_ && before_; }
+  bool moves_alike() const { return yields_ || moves_.holds(); }
 
  private:
   Belief positions_;
-  std::vector<double> offset_;  // rad, from the measured position
+  Agreement moves_;                    // of the measured position and the speed of the set point
+  std::vector<double> offset_;         // rad, from the measured position
+  std::vector<double> before_q_, dq_;  // rad, rad/s: the last one and its speed
+  double since_ = 0;                   // s since that
+  int points_ = 0;                     // in a row
+  bool yields_ = false;
   bool first_ = true, believed_ = true, before_ = true;
 };
 

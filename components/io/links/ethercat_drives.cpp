@@ -70,7 +70,7 @@ bool EtherCatDrives::has_stopped(bool operational) {
     stopped_silent_ = silent_;
     return stops(doubted_drive(), !blind_ ? kBusLost : belief_.is_held() ? kJumped : kSilent);
   }
-  if (too_late && !belief_.agrees()) return stops(doubted_drive(), kSpeedDisagrees);
+  if (too_late && !agrees()) return stops(doubted_drive(), kSpeedDisagrees);
   for (std::size_t k = 0; k < drives_.size(); ++k) {
     const Drive& d = drives_[k];
     const bool enabled = d.axis.state() == State::kOperationEnabled;
@@ -230,6 +230,7 @@ void EtherCatDrives::advance_homing(bool may_home, double h) {
     d.homing.advance(static_cast<cia402::Mode>(d.mode_shown), d.status_word, profile_mode(), h);
     homed_[k] = d.homing.is_done();
     belief_.expect_jump();
+    speeds_.forget();
   }
 }
 
@@ -256,7 +257,7 @@ void EtherCatDrives::choose_targets(const Command& command, double h, double int
   if (mode_ == Mode::kPosition && interval < 0.99 * h) h = interval;
   if (h < kLeastStep) return;
   const Synchronisation::Gains gains{no_gain_, no_gain_, dq_command_max_, ddq_command_max_};
-  pauses_ ? synchronisation_.rest(gains, h) : synchronisation_.command(q_wanted_, gains, h);
+  pauses_ ? synchronisation_.pause(gains, h) : synchronisation_.command(q_wanted_, gains, h);
   for (std::size_t k = 0; k < drives_.size(); ++k) {
     Drive& d = drives_[k];
     q_target_[k] = synchronisation_.last()[k];
@@ -305,6 +306,7 @@ void EtherCatDrives::wait(double h, double patience) {
   const bool before = std::exchange(blind_, silent_ > patience);
   if (blind_ && !before) {
     belief_.forget();
+    speeds_.forget();
     tau_.forget();
     enabled_inputs_ = 0;
   }
@@ -338,7 +340,8 @@ bool EtherCatDrives::read(const ethercat::Master& master) {
   }
   const Belief::Verdict verdict = belief_.add(q_read_, std::exchange(elapsed_, 0), true, possible);
   if (belief_.is_held()) return false;
-  belief_.compare(q_read_, dq_given_, silent_, !were_enabled_);
+  const char* const differs = speeds_.compare(q_read_, dq_given_, silent_);
+  if (differs != nullptr && !were_enabled_) belief_.count_implausible(differs);
   if (const char* const why = tau_.add(tau_read_)) belief_.count_implausible(why);
   const bool moves = verdict == Belief::Verdict::kPlausible;
   const auto way = [&](std::size_t k) { return std::abs(q_read_[k] - q_[k]); };

@@ -29,7 +29,7 @@ namespace cotwin::io {
 ///   torque     target = tau_command, within its limit, with the soft start
 /// A rising edge of `home` makes a drive find its zero, as its objects 0x6098 and 0x6099 say, while the others hold.
 /// Nothing moves by itself. A drive is enabled with mode other than monitor while the input `enable` is on, where its position moves as its speed says
-/// (Belief::compare(), of drives with 0x606C); all drives are enabled, in three inputs in a row, before one moves;
+/// (Agreement, of drives with 0x606C); all drives are enabled, in three inputs in a row, before one moves;
 /// a target begins where the drive is and stays there until then. Drives that are not enabled in time, a fault, a drive that leaves Operation enabled by
 /// itself, a jump of a position, one far from its target, the input quick_stop and a loss of the bus stop all drives (quick stop; drives that the bus
 /// does not reach stop by themselves) until `acknowledge` rises, which also resets faults, once. While a single status word says that an enabled drive
@@ -55,7 +55,7 @@ class EtherCatDrives {
   /// Whether nothing is known of the drives, for longer than `patience`; whether their last inputs were not used; whether positions and speeds agree.
   bool is_blind() const { return blind_; }
   bool is_held() const { return belief_.is_held(); }
-  bool agrees() const { return empty() || belief_.agrees(); }
+  bool agrees() const { return empty() || speeds_.holds(); }
   /// Whether the drives follow the commands.
   bool drives() const { return mode_ != Mode::kMonitor; }
   /// Writes the outputs of the next cycle, which is sent at `now` (ns, of the wire), and the safe ones: a quick stop. Demands an acknowledgement if a
@@ -144,6 +144,7 @@ class EtherCatDrives {
   std::vector<Drive> drives_;
   Synchronisation synchronisation_;
   Belief belief_;
+  Agreement speeds_;
   BelievedTorques tau_;
   BelievedNumbers errors_;
   Mode mode_ = Mode::kMonitor;

@@ -40,7 +40,7 @@ EtherCatDrives::Place EtherCatDrives::find(const std::vector<ethercat::Channel>&
 EtherCatDrives::EtherCatDrives(const std::vector<SlaveChoice>& slaves, const std::vector<std::size_t>& joint_of,
                                const std::vector<trajectory::Axis>& joints, const robot::RobotModel* robot,
                                const std::string& place)
-    : place_(place), synchronisation_(0), belief_({}), tau_({}) {
+    : place_(place), synchronisation_(0), belief_({}), speeds_({}), tau_({}) {
   std::vector<trajectory::Axis> axes;
   for (std::size_t i = 0; i < slaves.size(); ++i) {
     const SlaveChoice& s = slaves[i];
@@ -89,6 +89,7 @@ EtherCatDrives::EtherCatDrives(const std::vector<SlaveChoice>& slaves, const std
   const std::size_t n = drives_.size();
   synchronisation_ = Synchronisation(n);
   belief_ = Belief(axes);
+  speeds_ = Agreement(axes);
   tau_ = BelievedTorques(axes);
   errors_.add(BelievedNumbers::Kind::kState, n);
   for (std::vector<double>* values : {&q_, &q_wanted_, &q_target_, &tau_target_, &outside_, &no_gain_, &dq_scale_, &tau_scale_,
@@ -252,7 +253,8 @@ void EtherCatDrives::initialise(double cycle, std::span<const double> q_scale, s
     homed_[k] = false;
     d.status_word = 0;
     d.known = false;
-    belief_.set_resolution(k, q_scale_[d.joint], dq_scale_of(k));
+    belief_.set_resolution(k, q_scale_[d.joint]);
+    speeds_.set_resolution(k, q_scale_[d.joint], dq_scale_of(k));
     d.error_code = d.mode_shown = 0;
     d.speed = 0;
     d.doubts = d.unconfirmed = 0;
@@ -269,6 +271,7 @@ void EtherCatDrives::initialise(double cycle, std::span<const double> q_scale, s
   stops_ = 0;
   stopped_by_ = "";
   belief_.begin();
+  speeds_.forget();
   tau_.forget();
   errors_.forget();
   write_outputs();

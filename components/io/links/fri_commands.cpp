@@ -134,7 +134,7 @@ void FriLink::follow(double elapsed) {
     m.command_mode = static_cast<fri::ClientCommandMode>(takes_.value - 1);
   }
   const bool commanding = client_->commanding() && drives() && !ends;
-  const bool begins = commanding && !following_ && takes_.value != 0 && takes_.is_sure() && agrees();
+  const bool begins = commanding && !following_ && takes_.value != 0 && takes_.is_sure() && set_point_.moves_alike();
   bool near = true;  // what was sent last
   if (!commanding) {
     synchronisation_.start({robot.data(), n_});
@@ -155,8 +155,7 @@ void FriLink::follow(double elapsed) {
   refuses_ = commanding && (client_->taken() & quantity()) == 0;
   follows_ = following_ && !pauses && may_follow();
   begins_ = false;
-  wanted_.tau = {};
-  wanted_.F.setZero();
+  if (!pauses) wanted_.tau = {}, wanted_.F.setZero();
   if (follows_) {
     synchronisation_.command(inputs_.q, gains, elapsed);
     synchronisation_.measure(inputs_.q, {m.q_measured.data(), n_}, gains, elapsed);
@@ -168,7 +167,7 @@ void FriLink::follow(double elapsed) {
       wanted_.X = approach(wanted_.X, pose_of(inputs_.p, inputs_.quat), v_command_max_ * time, w_command_max_ * time);
     }
   } else if (commanding) {
-    synchronisation_.rest(gains, elapsed);
+    pauses ? synchronisation_.pause(gains, elapsed) : synchronisation_.rest(gains, elapsed);
   }
   std::ranges::copy(synchronisation_.last(), wanted_.q.begin());
   if (!commanding) return;

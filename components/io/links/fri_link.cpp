@@ -260,7 +260,7 @@ void FriLink::note_refused(const DatagramQueue::Datagram& datagram) {
 
 StepResult FriLink::step(Time now, Duration h, const Command& command, Measured& measured) {
   measured.fresh = false;
-  acknowledgement_.decide(connected_ && robot_ready(), !belief_.is_held() && agrees(), h.seconds());
+  acknowledgement_.decide(connected_ && robot_ready(), !belief_.is_held() && set_point_.moves_alike(), h.seconds());
   if (drives() && !read_inputs(command)) {
     refused_ = saturated(static_cast<std::uint64_t>(refused_) + 1);
     measured.warn(kRefused);
@@ -350,8 +350,6 @@ void FriLink::forget() {
   belief_.forget();
   numbers_.forget();
   takes_ = {};
-  since_used_ = 0;
-  set_points_ = 0;
   for (BelievedTorques* torques : {&tau_, &tau_external_, &F_external_}) torques->forget();
   for (BelievedSetPoint* place : {&set_point_, &pose_}) place->forget();
   following_ = follows_ = own_ = false;
@@ -367,7 +365,6 @@ bool FriLink::is_believed() {
   const double period = position_ < 0 ? m.send_period : period_;
   const double elapsed = offered_ >= 0 ? period * static_cast<double>(newest - offered_) : 0;
   offered_ = newest;
-  since_used_ += elapsed;
   const Belief::Verdict verdict = belief_.add({m.q_measured.data(), n_}, elapsed, same_period);
   if (verdict == Belief::Verdict::kJump) {
     demand_acknowledgement();
@@ -438,22 +435,15 @@ void FriLink::examine_set_point(double elapsed) {
   const bool switched = own != std::exchange(own_, own), other = switched && !commanded;
   if (other && !following_ && m.state == fri::SessionState::kCommandingWait) set_point_.forget();
   fri::Joints q = own ? m.q_interpolator : commanded ? m.q_commanded : m.q_measured;
-  set_point_.take({q.data(), n_}, {m.q_measured.data(), n_}, elapsed, measured, yields_);
+  if (switched) set_point_.switch_source();
+  const char* const why = set_point_.take({q.data(), n_}, {m.q_measured.data(), n_}, elapsed, measured, yields_, following_);
+  if (why != nullptr) belief_.count_implausible(why);
   if (own || commanded) (own ? m.q_interpolator : m.q_commanded) = q;
-  if (measured && !following_) {
-    const double since = std::exchange(since_used_, 0);
-    set_points_ = switched || since <= 0 ? 1 : set_points_ + 1;
-    fri::Joints dq{};
-    for (std::size_t i = 0; i < n_ && set_points_ > 1; ++i) dq[i] = (q[i] - set_before_[i]) / since;
-    // The first one has no speed.
-    belief_.compare({m.q_measured.data(), n_}, {dq.data(), n_}, set_points_ > 2 ? since : 0, !yields_);
-    set_before_ = q;
-  }
   Pose& X = protocol_ == fri::Protocol::kLwr ? m.X_commanded : m.X_interpolator;
   if (!m.has(protocol_ == fri::Protocol::kLwr ? fri::Monitoring::kCommandedPose : fri::Monitoring::kInterpolatorPose)) return;
   const Pose& beside = m.has(fri::Monitoring::kMeasuredPose) ? m.X_measured : X;
   std::array<double, 12> x = numbers_of(X);
-  pose_.take(x, numbers_of(beside), elapsed, measured, true);
+  pose_.take(x, numbers_of(beside), elapsed, measured, true, following_);
   X = pose_of(x);
 }
 

@@ -30,8 +30,7 @@ namespace cotwin::io {
 /// A robot that sends nothing that is believed for `timeout` is not connected: q and τ are held, q̇, q̈ and τ_e are 0, nothing is sent. After that, after
 /// a restart of its controller (fri::ClientStatistics::sessions), a jump of its position, or when it does not take commands any more,
 /// it is not commanded until the input `acknowledge` rises (acknowledgement.h): its own position is mirrored or, where it takes
-/// commands, the position that it gives as commanded, or else as measured, is held. Commands then begin there. Where they begin is judged by BelievedSetPoint, and by Belief::compare() with
-/// the speed of the set point, unless the robot is impedance-controlled.
+/// commands, the position that it gives as commanded, or else as measured, is held. Commands then begin there. Where they begin is judged by BelievedSetPoint.
 /// Inputs that are not finite, or beyond fri::kLargestNumber, are not sent: their last usable values are (`refused`).
 /// If the robot does not ask for the quantity of `mode`, its position is held and `commanding` is false.
 /// A clock that waits for the robot's next message without a limit sends the last answer again after kRepeat, because the answer or
@@ -100,7 +99,6 @@ class FriLink final : public Link {
   void read_others();
   void examine_set_point(double elapsed);
   bool robot_ready() const;
-  bool agrees() const { return yields_ || belief_.agrees(); }
   void demand_acknowledgement() {
     if (drives()) acknowledgement_.demand();
   }
@@ -165,11 +163,8 @@ class FriLink final : public Link {
   bool follows_ = false;            // and they are those of the inputs
   bool begins_ = false;             // the next answer begins where the robot is: the first of a session, or after a jump
   bool own_ = false;                // the last set point was that of the robot's own motion
-  fri::Joints set_before_{};        // rad, that set point
-  int set_points_ = 0;              // in a row of the same motion
   fri::Joints set_point_before_{};  // rad, commanded in the message that was answered last
   bool yields_ = false;             // the robot is impedance-controlled: its set point may be elsewhere
-  double since_used_ = 0;           // s, since the last position that was used
   std::int64_t believed_at_ = 0;    // ns, scenario time of that message, or of the beginning of the session
   std::uint64_t sessions_ = 0;
   bool was_connected_ = false;

@@ -17,6 +17,7 @@ struct Hand {
 // The corners of the ranges of healthy arms (components/operator_hand/README.md) with the least damping, and no hand.
 constexpr Hand kHands[] = {{0, 0, 0}, {0.5, 10, 100}, {0.5, 10, 500}, {1, 10, 100}, {1, 10, 500}};
 constexpr double kCutoffs[] = {0, 40};  // Hz, of the external torques
+constexpr double kMiddleOfFive = 2;     // messages by which what is used is late (link/belief.h)
 constexpr double kMotorShare = 0.5;     // of the effective mass
 constexpr double kGearDamping = 0.03;   // of the critical damping of the motor on the gear
 
@@ -38,7 +39,8 @@ void GainCheck::declare(Variables& v) {
 }
 
 guidance::Loop GainCheck::robot(double cycle, double delay) const {
-  guidance::Loop loop{.K_h = 0, .delay = delay * cycle, .omega = omega_, .mass = mass_, .cycle = cycle};
+  const double late = M_ > 0 ? kMiddleOfFive : 0;  // tau_e, by which the admittance moves
+  guidance::Loop loop{.K_h = 0, .delay = (delay + late) * cycle, .omega = omega_, .mass = mass_, .cycle = cycle};
   if (resonance_ > 0) {
     loop.B = kMotorShare * mass_;
     loop.K_J = resonance_ * resonance_ * (mass_ - loop.B);

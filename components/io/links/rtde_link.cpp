@@ -44,6 +44,7 @@ RtdeLink::RtdeLink(Settings& settings, const std::vector<trajectory::Axis>& join
       belief_(joints),
       tau_(joints),
       F_(settings.robot_used() != nullptr ? joints : trajectory::free_axes(rtde::kJoints), 6),
+      speeds_(joints),
       set_point_(joints),
       dq_command_max_(n_, kSafeSpeed),
       torque_per_current_(n_),
@@ -161,7 +162,7 @@ void RtdeLink::initialise(Time start, Measured& measured) {
 StepResult RtdeLink::step(Time now, Duration h, const Command& command, Measured& measured) {
   measured.fresh = false;
   if (period_ <= 0) period_ = std::max(1 / frequency_, h.seconds());
-  acknowledgement_.decide(connected_ && robot_ready(), !belief_.is_held() && belief_.agrees(), h.seconds());
+  acknowledgement_.decide(connected_ && robot_ready(), !belief_.is_held() && agrees(), h.seconds());
   if (read_all(now, measured)) {
     if (commands_) send(command, measured);
     line_.serve();
@@ -201,6 +202,7 @@ void RtdeLink::forget() {
   belief_.forget();
   tau_.forget();
   F_.forget();
+  speeds_.forget();
   set_point_.forget();
   numbers_.forget();
   follows_ = {};
@@ -237,9 +239,11 @@ bool RtdeLink::is_believed(double t, std::int64_t host) {
   const Belief::Verdict verdict = belief_.add(joints("actual_q"), elapsed, in_time, possible);
   if (verdict == Belief::Verdict::kJump) demand_acknowledgement();
   std::ranges::copy(joints("target_q"), q_target_.begin());
-  set_point_.take(q_target_, joints("actual_q"), elapsed, !belief_.is_held(), false);
+  const char* why = set_point_.take(q_target_, joints("actual_q"), elapsed, !belief_.is_held(), false, following_);
+  if (why != nullptr) belief_.count_implausible(why);
   if (belief_.is_held()) return false;
-  belief_.compare(joints("actual_q"), joints("actual_qd"), std::exchange(since_used_, 0), !following_);
+  why = speeds_.compare(joints("actual_q"), joints("actual_qd"), std::exchange(since_used_, 0));
+  if (why != nullptr && !following_) belief_.count_implausible(why);
   return true;
 }
 
@@ -426,12 +430,14 @@ void RtdeLink::follow() {
   const double elapsed = t_commanded_ >= 0 ? std::clamp(t_robot_ - t_commanded_, 0.0, period_) : period_;
   t_commanded_ = t_robot_;
   const Synchronisation::Gains gains{K_P_, K_D_, dq_command_max_, ddq_command_max_};
-  const bool robot_follows = follows_.value != 0 && (following_ || belief_.agrees());
+  const bool robot_follows = follows_.value != 0 && (following_ || agrees());
   if (following_ ? !robot_follows : robot_follows && !set_point_.believed()) demand_acknowledgement();
   const bool commanding = robot_follows && !acknowledgement_.awaits();
   // A program that still follows when the connection is set up goes on from where it is.
   if (!commanding || t_sent_ < 0) synchronisation_.start(q_robot_);
-  if (commanding && command_ && has_wanted_ && follows_.is_sure()) {
+  if (commanding && !follows_.is_sure()) {
+    synchronisation_.pause(gains, elapsed);
+  } else if (commanding && command_ && has_wanted_) {
     synchronisation_.command(q_wanted_, gains, elapsed);
     synchronisation_.measure(q_wanted_, line_.client().values().subspan(line_.client().directory().slot("actual_q"), n_), gains,
                              elapsed);

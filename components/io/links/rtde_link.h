@@ -69,6 +69,7 @@ class RtdeLink final : public Link {
   bool robot_ready() const { return is_ready(robot_mode_, safety_, runtime_); }
   bool is_ready(int robot_mode, int safety, int runtime) const;
   bool robot_follows() const;
+  bool agrees() const { return speeds_.holds() && set_point_.moves_alike(); }
 
   std::size_t n_;
   RtdeLine line_;
@@ -77,6 +78,7 @@ class RtdeLink final : public Link {
   Acknowledgement acknowledgement_;
   Belief belief_;
   BelievedTorques tau_, F_;  // the force by its joint torques
+  Agreement speeds_;
   BelievedSetPoint set_point_;
   BelievedNumbers numbers_;                    // of RTDE, by slots
   std::vector<std::size_t> slots_;             // of those that come

@@ -35,9 +35,7 @@ void Synchronisation::measure(std::span<const double> q_v, std::span<const doubl
 std::span<const double> Synchronisation::command(std::span<const double> q_v, const Gains& gains, double h) {
   since_start_ += h;
   for (std::size_t i = 0; i < q_.size(); ++i) {
-    const double target = q_v[i] + correction_[i], change = gains.ddq_max * h;
-    // After rest() the command may still move faster than the soft start allows.
-    const double most = std::max(gains.dq_max[i] * share(), std::min(std::abs(dq_[i]) - change, gains.dq_max[i]));
+    const double target = q_v[i] + correction_[i], most = gains.dq_max[i] * share(), change = gains.ddq_max * h;
     if (!std::isfinite(target) || !(most >= 0) || !(h > 0)) {
       rest(i, gains, h);
       if (!has_target_) target_[i] = q_[i];
@@ -66,8 +64,13 @@ void Synchronisation::rest(std::size_t i, const Gains& gains, double h) {
   q_[i] += dq_[i] * h;
 }
 
-std::span<const double> Synchronisation::rest(const Gains& gains, double h) {
+std::span<const double> Synchronisation::pause(const Gains& gains, double h) {
   for (std::size_t i = 0; i < q_.size(); ++i) rest(i, gains, h);
+  return q_;
+}
+
+std::span<const double> Synchronisation::rest(const Gains& gains, double h) {
+  pause(gains, h);
   has_target_ = false;
   since_start_ = 0;
   return q_;

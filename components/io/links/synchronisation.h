@@ -39,6 +39,8 @@ class Synchronisation {
   void go_on(double time);
   /// Instead of command(): the command comes to rest.
   std::span<const double> rest(const Gains& gains, double h);
+  /// Likewise, for a moment: command() then goes on without a soft start.
+  std::span<const double> pause(const Gains& gains, double h);
   /// Of the soft start, 0 to 1.
   double share() const { return std::min(since_start_ / kSoftStart, 1.0); }
 

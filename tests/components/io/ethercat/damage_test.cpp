@@ -374,6 +374,101 @@ TEST(DamagedFrames, StopDrivesWhenNothingIsBelievedForTooLong) {
   EXPECT_NEAR(d.measured.q[0], 0, 1e-9);
 }
 
+// Every bit of both drives' inputs, in each mode: the axes stay, and drives that have stopped move again only after an acknowledgement.
+TEST(DamagedFrames, NoBitOfADriveMovesAnAxis) {
+  for (const char* mode : {"position", "velocity"}) {
+    Drives d(1e-5, 1, true, 3, mode);
+    const auto begin = [&] {
+      d.acknowledgement.begin("test");
+      for (int i = 0; i < 600 && !d.enabled(); ++i) d.step();
+      for (int i = 0; i < 10; ++i) d.step();
+      ASSERT_TRUE(d.enabled());
+    };
+    const auto axis = [&](const char* name) { return 1e-5 * d.v.at(name).reals()[0]; };
+    begin();
+    const std::size_t from = d.master->bus().output_bytes, size = d.master->bus().slaves[1].setup.input_bytes;
+    std::mt19937 random(9);
+    int stops = 0;
+    for (int n = 0; n < 700 && !HasFatalFailure(); ++n) {
+      const std::size_t at = from + random() % (2 * size);
+      const auto bit = static_cast<unsigned>(random() % 8);
+      const int in_a_row = static_cast<int>(random() % 5), every = in_a_row > 0 ? 0 : std::array{2, 3, 5}[random() % 3];
+      for (int k = 0; k < 30; ++k) {
+        const bool damaged = every > 0 ? k % every == 0 : k < in_a_row;
+        d.faulty.changes = [&](std::span<std::uint8_t> frame) {
+          if (damaged) flip(frame, at, bit);
+        };
+        d.step();
+        for (const char* name : {"q1_field", "q2_field"}) {
+          ASSERT_NEAR(axis(name), 0, 1e-3) << mode << " byte " << at - from << " bit " << bit << ": " << in_a_row << ' '
+                                           << every;
+        }
+      }
+      d.faulty.changes = nullptr;
+      const bool stopped = d.acknowledgement.awaits();
+      EXPECT_FALSE(stopped && in_a_row < 3 && every != 2)
+          << mode << " byte " << at - from << " bit " << bit << ": " << in_a_row << ' ' << every;
+      stops += stopped ? 1 : 0;
+      if (stopped) begin();
+    }
+    EXPECT_GT(stops, 0);
+  }
+}
+
+// The position drifts by so much an answer, whose speed says 0: the drives are not enabled, and nothing is acknowledged.
+TEST(DamagedFrames, NoDriveIsEnabledAtAPositionThatDrifts) {
+  for (const int counts : {5, 20, 100, 400}) {
+    Drives d(1e-5, 1, true, 30);
+    const std::size_t at = position_of(d);
+    int off = 0;
+    d.faulty.changes = [&](std::span<std::uint8_t> frame) {
+      off += counts;
+      FrameReader reader(frame);
+      Datagram datagram;
+      while (reader.next(datagram)) {
+        if (datagram.command != Command::kLrw) continue;
+        const std::uint32_t sound = io::read_bits(frame.subspan(datagram.data + at), 0, 32);
+        io::write_bits(frame.subspan(datagram.data + at), 0, 32, sound + static_cast<std::uint32_t>(off));
+      }
+    };
+    for (int i = 0; i < 2500; ++i) {
+      d.step();
+      ASSERT_NE(d.v.at("drive_state").integers()[0], 4) << counts << ' ' << i;
+    }
+    EXPECT_TRUE(d.acknowledgement.awaits());
+    EXPECT_FALSE(d.drives.agrees());
+    std::vector<std::string> sentences;
+    d.drives.append_notes(sentences);
+    EXPECT_THAT(sentences, Contains(HasSubstr("does not move as its speed says")));
+  }
+}
+
+// What a note names is what was counted.
+TEST(DamagedFrames, NotesNameTheCause) {
+  Drives d;
+  for (int i = 0; i < 400 && !d.enabled(); ++i) d.step();
+  const auto& channels = d.slaves[1].setup.inputs;
+  const std::size_t status = d.master->bus().output_bytes + d.master->bus().slaves[1].inputs_at +
+                             std::ranges::find(channels, cia402::object::kStatusWord, &Channel::index)->bit / 8;
+  const auto notes = [&] {
+    std::vector<std::string> sentences;
+    d.drives.append_notes(sentences);
+    return sentences;
+  };
+  for (int i = 0; i < 40; ++i) {
+    d.faulty.changes = [&](std::span<std::uint8_t> frame) {
+      if (i == 5 || i == 6) flip(frame, status, 2);
+    };
+    d.step();
+    ASSERT_TRUE(d.enabled());
+  }
+  EXPECT_THAT(notes(), ::testing::ElementsAre("2 status words of drive q1 not used, because the next ones differed"));
+  d.faulty.changes = nullptr;
+  d.faulty.loss = 1;
+  for (int i = 0; i < 30; ++i) d.step();
+  EXPECT_THAT(notes(), Contains("the drives were stopped 1 time, last because 20 answers did not come in time, for 0.02 s"));
+}
+
 // Steps of the twin that come late and then at once: what is sent within a cycle of the drive is one step together.
 TEST(DamagedFrames, LateStepsAndLateFramesGiveNoTwoTargetsInACycle) {
   Drives d(1e-7, 0.5);

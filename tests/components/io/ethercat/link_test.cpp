@@ -195,6 +195,23 @@ TEST(EtherCatLink, AnEncoderThatIsElsewhereIsALossAndMovesNothing) {
   EXPECT_THAT(told, ::testing::Contains(HasSubstr("encoder terminals gave such counters 1 time in a row")));
 }
 
+TEST(EtherCatLink, GivesABitThatThreeAnswersInARowHave) {
+  Ports io(kCell);
+  io.start();
+  io.steps(80);
+  for (int cycles = 1; cycles <= 4; ++cycles) {
+    io.set("buttons_field", 0, true);
+    bool seen = false;
+    for (int k = 0; k < 15; ++k) {
+      if (k == cycles) io.set("buttons_field", 0, false);
+      io.steps(1);
+      seen = seen || io.boolean("buttons", 0);
+    }
+    EXPECT_EQ(seen, cycles > 2) << cycles;
+    EXPECT_FALSE(io.boolean("buttons", 0));
+  }
+}
+
 // However long its timeout: the slaves have switched off themselves after 0.1 s.
 TEST(EtherCatLink, AwaitsAnAcknowledgementAfterASilenceInWhichSlavesSwitchOff) {
   Ports io(kCell);

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <functional>
 #include <optional>
+#include <random>
 
 #include "components/io/link/belief.h"
 #include "tests/components/io/fri/rig.h"
@@ -293,6 +294,86 @@ TEST_P(FriDamage, TheFirstPositionIsNotMeasuredBeforeFiveAgree) {
     ASSERT_EQ(rig.twin.boolean("fresh"), k > 3);
     if (k > 3) {
       ASSERT_NEAR(rig.twin.real("q", 3), kQ[3], rig.rounding());
+    }
+  }
+}
+
+/// A twin that tau_e pushes, 4 kg.m² and 30 N.m.s per joint, beside a robot that rests and that nobody touches.
+struct Guided : Rig {
+  using Rig::Rig;
+  std::array<double, 7> dq_twin{};
+  double way = 0, pushed = 0;  // rad: of commands from where the robot is; that of a twin without inertia
+
+  void rest() {
+    dq_twin = {};
+    std::ranges::copy(kQ, twin.reals("q_command").begin());
+    way = pushed = 0;
+  }
+  bool move() {
+    double largest = 0;
+    for (std::size_t i = 0; i < 7; ++i) {
+      const double tau_e = twin.real("tau_e", i);
+      dq_twin[i] += 0.002 * (tau_e - 30 * dq_twin[i]) / 4;
+      twin.reals("q_command")[i] += 0.002 * dq_twin[i];
+      largest = std::max(largest, std::abs(tau_e));
+    }
+    pushed += largest * 0.002 / 30;
+    const bool answered = period();
+    const bool commands = answered && command.has(fri::Command::kPosition) && !twin.boolean("awaits_acknowledgement");
+    for (std::size_t i = 0; i < 7 && commands; ++i) way = std::max(way, std::abs(command.q[i] - kQ[i]));
+    return answered;
+  }
+};
+
+// Every bit of a message. Where at most two of any five are damaged nothing moves; else tau_e moves the twin as long as the middle of five says so.
+TEST_P(FriDamage, DamagedBitsMoveNothing) {
+  Guided rig(GetParam());
+  rig.begin();
+  rig.settle();
+  std::mt19937 random(12);
+  for (int n = 0; n < 250 && !HasFatalFailure(); ++n) {
+    rig.rest();
+    const std::size_t at = random();
+    const auto bit = static_cast<std::uint8_t>(1u << random() % 8);
+    const int in_a_row = static_cast<int>(random() % 5), every = in_a_row > 0 ? 0 : std::array{2, 3, 5}[random() % 3];
+    for (int k = 0; k < 30; ++k) {
+      rig.damage = [&](std::vector<std::uint8_t>& bytes) {
+        if (every > 0 ? k % every == 0 : k < in_a_row) bytes[at % bytes.size()] ^= bit;
+      };
+      rig.move();
+    }
+    rig.damage = nullptr;
+    EXPECT_LE(rig.way, 1e-3 + (in_a_row > 2 || every == 2 ? rig.pushed : 0))
+        << "byte " << at % rig.message().size() << ", bit " << int{bit} << ": " << in_a_row << " in a row, or every " << every;
+    rig.m.counter -= 1;
+    rig.m.time -= 2'000'000;
+    if (rig.twin.boolean("awaits_acknowledgement")) {
+      for (int k = 0; k < 70; ++k) rig.move();
+      rig.acknowledge();
+    }
+    for (int k = 0; k < 5; ++k) rig.move();
+    ASSERT_TRUE(rig.twin.boolean("commanding"));
+  }
+}
+
+// The robot's own motion (Sunrise), or its set point, drifts while the robot rests, before commands: they do not begin.
+TEST_P(FriDamage, CommandsDoNotBeginAtASetPointThatDrifts) {
+  for (const double drift : {5e-5, 4e-4, -1e-3, 4e-3}) {
+    Rig rig(GetParam());
+    rig.start();
+    for (int k = 0; k < 60; ++k) rig.period();
+    for (int k = 0; k < 120; ++k) {
+      const bool waits = k < 20 && GetParam() != Protocol::kLwr;
+      rig.m.state = waits ? SessionState::kCommandingWait : SessionState::kCommandingActive;
+      if (k == 0 && !waits) continue;
+      rig.m.q_interpolator[3] += drift;
+      rig.m.q_commanded[3] += drift;
+      rig.period();
+    }
+    const bool gives = GetParam() != Protocol::kLwr;
+    EXPECT_FALSE(gives && rig.twin.boolean("commanding")) << drift;
+    if (gives) {
+      EXPECT_GE(rig.twin.integer("implausible"), 1);
     }
   }
 }

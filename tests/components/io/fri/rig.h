@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <functional>
 #include <span>
 #include <string>
 #include <vector>
@@ -71,6 +72,7 @@ struct Rig {
     m.fields &= ~std::uint32_t{without};
     std::vector<std::uint8_t> bytes(fri::kMaxDatagram);
     bytes.resize(fri::encode(protocol, m, bytes));
+    if (damage) damage(bytes);
     ++m.counter;
     if (std::abs(m.send_period) < 1e6) m.time += static_cast<std::int64_t>(m.send_period * 1e9);  // not of a damaged one
     return bytes;
@@ -138,7 +140,8 @@ struct Rig {
   net::UdpSocket robot;
   M m;
   fri::Command command;
-  std::uint32_t extra = 0, without = 0;  // fields of the messages
+  std::function<void(std::vector<std::uint8_t>&)> damage;  // of the next messages
+  std::uint32_t extra = 0, without = 0;                    // fields of the messages
   Duration h{2'000'000};
   std::int64_t n = 0;
 };

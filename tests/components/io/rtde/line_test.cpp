@@ -8,6 +8,7 @@
 #include <cmath>
 #include <functional>
 #include <limits>
+#include <random>
 #include <string>
 #include <thread>
 #include <vector>
@@ -361,6 +362,129 @@ TEST(RtdeLink, CommandsBeginWhereTheRobotIsThoughItsSetPointIsDamaged) {
   }
 }
 
+/// A twin that tau_e pushes, 4 kg.m² and 30 N.m.s per joint, beside a robot that rests and that nobody touches.
+struct Guided : Beside {
+  std::vector<double> dq = std::vector<double>(6);
+  double way = 0,
+         pushed = 0;  // rad: of commands that the robot is asked to follow, from where it is; that of a twin without inertia
+
+  void rest() {
+    std::ranges::fill(dq, 0);
+    std::ranges::copy(robot.q, twin.reals("q_command").begin());
+    way = pushed = 0;
+  }
+  void period() {
+    double largest = 0;
+    for (std::size_t i = 0; i < 6; ++i) {
+      const double tau_e = twin.real("tau_e", i);
+      dq[i] += 0.002 * (tau_e - 30 * dq[i]) / 4;
+      twin.reals("q_command")[i] += 0.002 * dq[i];
+      largest = std::max(largest, std::abs(tau_e));
+    }
+    pushed += largest * 0.002 / 30;
+    Beside::period();
+    for (std::size_t i = 0; i < 6 && request() == 1; ++i) way = std::max(way, std::abs(command(i) - robot.q[i]));
+  }
+  /// Follows, whatever was before.
+  void begin() {
+    robot.say(1);
+    for (int k = 0; k < 60; ++k) period();
+    if (twin.boolean("awaits_acknowledgement")) acknowledge();
+    robot.say(2);
+    rest();
+    for (int k = 0; k < 8; ++k) period();
+    ASSERT_TRUE(twin.boolean("commanding"));
+    way = pushed = 0;
+  }
+};
+
+// Every number of a package, by itself. Where at most two of any five are damaged nothing moves; else tau_e moves the twin as long as the middle of five
+// says so, and a robot that is shown to be elsewhere is not asked to follow.
+TEST(RtdeLink, DamagedNumbersMoveNothing) {
+  Guided s;
+  s.start();
+  ASSERT_TRUE(s.connects());
+  s.begin();
+  std::vector<const rtde::Field*> fields;
+  const rtde::Directory directory;
+  for (const rtde::Field& field : directory.all()) {
+    const bool low = field.name.find("_register") != std::string::npos && field.name.find("_register_2") == std::string::npos;
+    if (field.output && !low) fields.push_back(&field);
+  }
+  std::mt19937 random(11);
+  const auto one_of = [&](auto&& list) { return list[random() % std::size(list)]; };
+  int stopped = 0;
+  for (int n = 0; n < 900 && !HasFatalFailure(); ++n) {
+    const rtde::Field& field = *one_of(fields);
+    const std::size_t i = random() % rtde::values_of(field.type);
+    const double off = one_of(std::array{0.003, -0.02, 0.5, 1.0, 8.0, 100.0, -1000.0, 1e4, 1e6});
+    const int in_a_row = static_cast<int>(random() % 7), every = in_a_row > 0 ? 0 : one_of(std::array{2, 3, 5});
+    SCOPED_TRACE(::testing::Message() << field.name << '[' << i << "] + " << off << ": " << in_a_row << " in a row, or every "
+                                      << every);
+    for (int k = 0; k < 30 && !HasFatalFailure(); ++k) {
+      const bool damaged = every > 0 ? k % every == 0 : k < in_a_row;
+      const double sound = s.robot.controller.at(field.name, i);
+      if (damaged) s.robot.damage = [&](rtde::Controller& c) { c.at(field.name, i) += off; };
+      s.period();
+      s.robot.damage = nullptr;
+      s.robot.controller.at(field.name, i) = sound;
+    }
+    EXPECT_LE(s.way, 1e-3 + (in_a_row > 2 || every == 2 ? s.pushed : 0));
+    stopped += s.twin.boolean("awaits_acknowledgement") ? 1 : 0;
+    if (s.twin.boolean("awaits_acknowledgement") || s.way > 1e-4) s.begin();
+    s.rest();
+  }
+  EXPECT_GT(stopped, 0);
+}
+
+// A position or a set point that drifts while the robot rests: commands do not begin, or where the robot is, and that is told.
+TEST(RtdeLink, CommandsDoNotBeginAtAPositionThatDrifts) {
+  for (const std::string name : {"actual_q", "target_q", "both"}) {
+    for (const double drift : {5e-5, 4e-4, -1e-3, 5e-3}) {
+      SCOPED_TRACE(name + ' ' + std::to_string(drift));
+      Guided s;
+      s.start();
+      ASSERT_TRUE(s.connects());
+      double off = 0;
+      s.robot.damage = [&](rtde::Controller& c) {
+        off += drift;
+        if (name != "target_q") c.at("actual_q", 2) += off;
+        if (name != "actual_q") c.at("target_q", 2) += off;
+      };
+      for (int k = 0; k < 60; ++k) s.period();
+      s.robot.say(2);
+      for (int k = 0; k < 60; ++k) s.period();
+      EXPECT_FALSE(s.twin.boolean("commanding"));
+      EXPECT_GE(s.twin.integer("implausible"), 1);
+      std::vector<std::string> sentences;
+      s.twin.instance.unit->append_notes(sentences);
+      EXPECT_THAT(sentences, ::testing::Contains(HasSubstr(" has moved by ")));
+    }
+  }
+}
+
+// Packages do not come for a while, but within timeout; the twin moves at the speed limit.
+TEST(RtdeLink, MovesByOnePeriodAfterAPause) {
+  std::mt19937 random(6);
+  for (const double share : {0.05, 0.5, 0.9}) {
+    Beside s;
+    s.twin.set("timeout", "0.1");
+    s.start();
+    ASSERT_TRUE(s.connects());
+    s.robot.say(2);
+    s.periods(5);
+    double before = s.command(2);
+    for (int k = 0; k < 1500 && !HasFatalFailure(); ++k) {
+      s.twin.reals("q_command")[2] = s.robot.q[2] + 10;
+      if (static_cast<double>(random() % 100) < 100 * share) s.robot.t += 0.002 * static_cast<double>(random() % 48);
+      s.period();
+      ASSERT_LE(s.command(2) - before, 1.01 * 0.5 * 0.002) << share << ' ' << k;
+      before = s.command(2);
+    }
+    EXPECT_EQ(s.twin.integer("losses"), 0);
+  }
+}
+
 TEST(RtdeLink, OutputsAndRegistersStayUntilTheLossIsAcknowledged) {
   for (const std::string event : {"jump", "silent", "hangs up"}) {
     SCOPED_TRACE(event);
@@ -413,7 +537,7 @@ TEST(RtdeLink, AnAcknowledgementCountsOnlyWhileTheRobotIsReady) {
   s.acknowledge();
   EXPECT_TRUE(s.twin.boolean("awaits_acknowledgement"));
   s.robot.say(1);
-  s.periods(5);
+  s.periods(60);
   EXPECT_EQ(s.request(), 0);
   s.acknowledge();
   EXPECT_FALSE(s.twin.boolean("awaits_acknowledgement"));

@@ -2,6 +2,7 @@
 #include <array>
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <span>
 #include <string>
 
@@ -38,6 +39,7 @@ struct PlainRobot {
   double t = 0;           // s
   int accepted = 0;
   bool reads = true;
+  std::function<void(rtde::Controller&)> damage;  // of the next packages
 
   PlainRobot() { say(1); }
   std::string address() const { return "127.0.0.1:" + std::to_string(listener.local().port); }
@@ -75,6 +77,7 @@ struct PlainRobot {
     for (std::size_t i = 0; i < q.size(); ++i) controller.at("actual_q", i) = controller.at("target_q", i) = q[i];
     controller.at("target_q", 2) += target_off;
     controller.at("output_int_register_24") = controller.at("input_int_register_24");
+    if (damage) damage(controller);
     controller.cycle();
     exchange();
   }
