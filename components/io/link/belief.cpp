@@ -263,7 +263,7 @@ const char* BelievedSetPoint::take(std::span<double> q, std::span<const double> 
                                    bool yields, bool follows) {
   before_ = believed_;
   since_ += elapsed;
-  yields_ = yields;
+  free_ = yields || follows;
   const bool explained = positions_.add(q, elapsed) != Belief::Verdict::kHeld, first = std::exchange(first_, false);
   bool near = true;
   for (std::size_t i = 0; i < q.size() && measured; ++i) near = near && std::abs(q[i] - q_measured[i]) <= kFarthest;
@@ -273,12 +273,17 @@ const char* BelievedSetPoint::take(std::span<double> q, std::span<const double> 
     if (believed_) offset_[i] = q[i] - q_measured[i];
     q[i] = q_measured[i] + offset_[i];
   }
-  if (follows || yields) return nullptr;
+  if (free_) return nullptr;
   const double since = std::exchange(since_, 0);
   points_ = since > 0 ? points_ + 1 : 1;
   for (std::size_t i = 0; i < q.size(); ++i) dq_[i] = points_ > 1 ? (q[i] - before_q_[i]) / since : 0;
   std::ranges::copy(q, before_q_.begin());
-  return moves_.compare(q_measured, dq_, points_ > 2 ? since : 0);  // the first one has no speed
+  const char* const why = moves_.compare(q_measured, dq_, points_ > 2 ? since : 0);  // the first one has no speed
+  if (moves_.differs()) {
+    std::ranges::copy(q_measured, q.begin());
+    std::ranges::fill(offset_, 0);
+  }
+  return why;
 }
 
 }  // namespace cotwin::io

@@ -146,6 +146,7 @@ class Agreement {
   /// speed that is not finite is not given. Returns why they do not agree, where those before did, else nullptr.
   const char* compare(std::span<const double> q, std::span<const double> dq, double elapsed);
   bool holds() const { return complete_ && disagrees_ < 0; }
+  bool differs() const { return disagrees_ >= 0; }
 
  private:
   struct Moment {
@@ -194,7 +195,7 @@ class BelievedTorques {
 
 /// Where a robot commands itself to be, from which commands begin. What does not follow from the positions of the messages before (Belief), or
 /// is further than kFarthest from where the robot was measured, may be damaged: the measured position is taken instead, with the difference
-/// from it that was believed last. It has to move as the measured position does (Agreement), unless the robot yields.
+/// from it that was believed last. It has to move as the measured position does (Agreement), unless the robot yields: else the measured position is taken.
 class BelievedSetPoint {
  public:
   static constexpr double kFarthest = 0.1;  // rad (prismatic: m)
@@ -202,18 +203,17 @@ class BelievedSetPoint {
   explicit BelievedSetPoint(std::span<const trajectory::Axis> axes)
       : positions_(axes, 2), moves_(axes), offset_(axes.size()), before_q_(axes.size()), dq_(axes.size()) {}
 
-  /// The next set point is the first one.
+  /// The next set point is the first one, as after a jump, or of another source.
   void forget();
   /// The set point `q` of a message, replaced unless it is believed. `elapsed`: s since the message before; `measured`: whether the position measured
   /// there, q_measured, is believed, else nothing is replaced; `yields`: the robot is impedance-controlled and may be anywhere beside its set point; `follows`: it follows commands already. Returns why the two do not
   /// move alike, where they did before, else nullptr.
   const char* take(std::span<double> q, std::span<const double> q_measured, double elapsed, bool measured, bool yields,
                    bool follows);
-  /// Another source: it may be elsewhere, and moves differently.
-  void switch_source() { points_ = 0; }
   /// Whether those of the last two messages were.
   bool believed() const { return believed_ && before_; }
-  bool moves_alike() const { return yields_ || moves_.holds(); }
+  /// Whether it moves as the measured position does, or need not.
+  bool moves_alike() const { return free_ || moves_.holds(); }
 
  private:
   Belief positions_;
@@ -222,7 +222,7 @@ class BelievedSetPoint {
   std::vector<double> before_q_, dq_;  // rad, rad/s: the last one and its speed
   double since_ = 0;                   // s since that
   int points_ = 0;                     // in a row
-  bool yields_ = false;
+  bool free_ = false;
   bool first_ = true, believed_ = true, before_ = true;
 };
 

@@ -370,6 +370,7 @@ bool FriLink::is_believed() {
     demand_acknowledgement();
     begins_ = true;
     position_ = -1;  // no speed leads there
+    if (!yields_) set_point_.forget();
   }
   // While nothing is commanded a stop gets through.
   if (!belief_.is_held() || position_ < 0) {
@@ -431,11 +432,9 @@ void FriLink::examine_set_point(double elapsed) {
   const bool goes_on = client_->commanding() && drives() && (following_ || begins_);
   const bool own = m.has(fri::Monitoring::kInterpolatorPosition) && protocol_ != fri::Protocol::kLwr && !goes_on;
   const bool commanded = m.has(fri::Monitoring::kCommandedPosition);
-  // What was taken before may have been the measured position, beside which an impedance-controlled robot may be commanded.
-  const bool switched = own != std::exchange(own_, own), other = switched && !commanded;
-  if (other && !following_ && m.state == fri::SessionState::kCommandingWait) set_point_.forget();
+  // The own motion, or the measured position, may be elsewhere than the commanded one.
+  if (own != std::exchange(own_, own)) set_point_.forget();
   fri::Joints q = own ? m.q_interpolator : commanded ? m.q_commanded : m.q_measured;
-  if (switched) set_point_.switch_source();
   const char* const why = set_point_.take({q.data(), n_}, {m.q_measured.data(), n_}, elapsed, measured, yields_, following_);
   if (why != nullptr) belief_.count_implausible(why);
   if (own || commanded) (own ? m.q_interpolator : m.q_commanded) = q;

@@ -207,7 +207,7 @@ void RtdeLink::forget() {
   numbers_.forget();
   follows_ = {};
   t_waiting_ = -1;
-  misfits_ = Belief::kMostHeld;
+  misfits_ = 0;
 }
 
 /// Whether the newest package is further ahead of the last one than time has passed, so that the next one has to go on from there. The robot may
@@ -341,7 +341,9 @@ void RtdeLink::read_forces() {
     const bool at_tcp = fits && c.version()[0] > 0 && c.version()[0] < 5;
     kinematics_->torques_of(moved(Eigen::Map<const Wrench>(F.data()), at_tcp ? X.p : X_BE.p, X_BE.p), q, torques);
   }
-  if (const char* const why = F_.add(torques, F, misfits_ == 0 || misfits_ > Belief::kMostHeld)) belief_.count_implausible(why);
+  const bool known = F_.known();
+  const char* const why = F_.add(torques, F, misfits_ == 0 || misfits_ > Belief::kMostHeld);
+  if (why != nullptr && known) belief_.count_implausible(why);
   for (std::size_t i = 0; i < 6; ++i) F_e_[i] = F_.along(i);
 }
 

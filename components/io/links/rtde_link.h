@@ -130,9 +130,9 @@ class RtdeLink final : public Link {
   std::int32_t counter_ = 0, reflected_ = 0;
   std::array<std::int64_t, 256> sent_at_{};  // ns, host, by counter
   std::int64_t trips_ = 0;
-  std::vector<double> q_target_;     // rad, target_q that is believed
-  int misfits_ = Belief::kMostHeld;  // poses in a row that do not fit to the URDF
-  double lost_time_ = 0;             // s
+  std::vector<double> q_target_;  // rad, target_q that is believed
+  int misfits_ = 0;               // poses in a row that do not fit to the URDF
+  double lost_time_ = 0;          // s
 };
 
 }  // namespace cotwin::io

@@ -378,6 +378,28 @@ TEST_P(FriDamage, CommandsDoNotBeginAtASetPointThatDrifts) {
   }
 }
 
+// The robot is at each answer at once, and its own motion was damaged before commands: it must not be led on from where it has gone.
+TEST_P(FriDamage, ARobotThatFollowsAtOnceIsNotLedOn) {
+  for (const double drift : {4e-4, -1e-3, 4e-3}) {
+    Rig rig(GetParam());
+    rig.start();
+    for (int k = 0; k < 60; ++k) rig.period();
+    if (GetParam() != Protocol::kLwr) rig.m.state = SessionState::kCommandingWait;
+    for (int k = 0; k < 200; ++k) {
+      rig.m.q_interpolator[3] += drift;
+      rig.period();
+    }
+    rig.m.state = SessionState::kCommandingActive;
+    std::ranges::copy(kQ, rig.m.q_interpolator.begin());
+    for (int k = 0; k < 300; ++k) {
+      if (!rig.period()) continue;
+      ASSERT_NEAR(rig.command.q[3], kQ[3], 2e-3 + 2 * std::abs(drift)) << drift << ' ' << k;
+      std::ranges::copy_n(rig.command.q.begin(), 7, rig.m.q_measured.begin());
+      std::ranges::copy_n(rig.command.q.begin(), 7, rig.m.q_commanded.begin());
+    }
+  }
+}
+
 TEST(FriLwrDamage, APoseThatCommandsBeginAtIsThatOfTheRobot) {
   Rig rig(Protocol::kLwr, "cartesian_impedance");
   rig.extra = M::kCommandedPose | M::kMeasuredPose;
