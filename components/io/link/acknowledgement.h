@@ -6,8 +6,8 @@
 namespace cotwin::io {
 
 /// Whether a link may command its device after a loss. Nothing may move by itself when a cable is plugged in again or a controller
-/// has started again: after demand() the link commands nothing until the input `acknowledge` was off for kLowSteps steps and then on for kHighTime
-/// while the device is ready. Steps in which the device is not believed do not count: a damaged message presses no button.
+/// has started again: after demand() the link commands nothing until the input `acknowledge` was off for kLowSteps steps and then
+/// on for kHighTime while the device is ready. Steps in which the device is not believed do not count: damage presses no button.
 /// The start of a run needs no acknowledgement.
 class Acknowledgement {
  public:
@@ -21,7 +21,7 @@ class Acknowledgement {
   void begin(const std::string& place);
   /// After a loss, a restart or a jump. What was pressed before does not count. Without effect with restart=automatic.
   void demand();
-  /// Once in each step, of h seconds. `ready`: the device is back; without it the input has to rise again. `believed`: of its last message.
+  /// Once in each step, of h seconds. `ready`: the device is back; else the input has to rise again. `believed`: its last message is.
   void decide(bool ready, bool believed, double h);
   bool awaits() const { return awaits_; }
   /// Whether nothing is ever awaited.

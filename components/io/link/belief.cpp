@@ -208,8 +208,8 @@ const char* Agreement::compare(std::span<const double> q, std::span<const double
   return why_.data();
 }
 
-/// The first joint whose position has not moved as its speed says; −1: none. Drives filter their speeds, by which these are late; a difference is late by
-/// half of its time.
+/// The first joint whose position has not moved as its speed says; −1: none. Speeds are late: by the filters of drives, and as
+/// differences by half of their time.
 int Agreement::disagreeing(const Moment& from, const Moment& to) const {
   constexpr double kSlack = 2e-3, kShare = 0.05, kFilter = 0.02;  // rad, 1, s
   const double late = kFilter + shortest_ / 2;

@@ -16,8 +16,7 @@ namespace cotwin::io {
 double largest_speed(const trajectory::Axis& axis);
 
 /// Numbers, states and bits of a device's messages, each by itself. Two damaged ones of any five are never used.
-///   kNumber   the middle one of the last five: two messages late; what lasts for less than three messages is not seen. Of three equal damaged
-///             ones of five the value is used
+///   kNumber   the middle one of the last five: two messages late; what lasts for less than three messages is not seen
 ///   kState    the last value that three messages in a row had
 ///   kBits     the same of each bit of a whole number
 /// A number that is not finite is left out.
@@ -57,14 +56,15 @@ struct ConfirmedState {
   bool is_sure() const { return value == last; }
 };
 
-/// Positions of a device's messages, that may be damaged though they are well-formed, and what counts as damaged in all of a link.
-///   position    further than kLargestJump from where the last two believed ones lead with an acceleration of at most kLargestAcceleration, or from
-///               the last one with largest_speed(): held. The fifth in a row shows that the robot is elsewhere (a jump), if it and the four before it
-///               follow from one another in this way. The first positions after begin() and forget() are used from the `first`th on that does so
-///   range       a speed beyond largest_speed() or a time that does not follow: held. What is further than kMargin beyond the limits of position is
-///               used only if the positions have followed from one another for kOutsideTime
-/// A message whose position is held is held as a whole: its caller uses nothing else of it, as long as it commands anything. So five damaged positions
-/// that follow from one another, and one that drifts by less than kLargestJump a message, are believed: Agreement finds these.
+/// Positions of a device's messages, which may be damaged though they are well-formed, and the count of all that a link does not use.
+///   position   further than kLargestJump from where the last two believed ones lead with at most kLargestAcceleration, or from
+///              the last one with largest_speed(): held. The fifth in a row shows that the robot is elsewhere (a jump), if the five
+///              follow from one another in this way. First positions are used from the `first`th on that does so
+///   range      a speed beyond largest_speed(), or a time that does not follow: held. Further than kMargin beyond the limits of
+///              position: used only if positions have followed from one another for kOutsideTime
+/// A message whose position is held is held as a whole: its caller uses nothing else of it, as long as it commands anything.
+/// Five damaged positions that follow from one another are believed; one that drifts by less than kLargestJump a message is, too,
+/// which Agreement finds.
 class Belief {
  public:
   static constexpr double kLargestJump = 5e-3;        // rad (prismatic: m), or kLargestCounts if they are more
@@ -88,8 +88,8 @@ class Belief {
   void forget();
   /// The robot sets its positions anew (homing): the next one is used if it follows from the one before, whatever was believed.
   void expect_jump() { believed_.positions = in_a_row_ = 0; }
-  /// A position, `elapsed` seconds after the one of the last call; 0: not known. `in_time`: whether its time follows from the times before.
-  /// `possible`: whether the rest of the message can be true; otherwise it is held, however often it comes.
+  /// A position, `elapsed` seconds after the one of the last call; 0: not known. `in_time`: whether its time follows from those
+  /// before. `possible`: whether the rest of the message can be true; otherwise it is held, however often it comes.
   Verdict add(std::span<const double> q, double elapsed, bool in_time = true, bool possible = true);
   /// Whether the last message was held.
   bool is_held() const { return held_; }
@@ -130,8 +130,8 @@ class Belief {
   const char* reason_ = "";  // of the last one
 };
 
-/// Whether positions move as their speeds say. Commands may begin only then: over the last kWindow messages, or kLongest, a position that is damaged by
-/// less than Belief finds in each message has drifted away from where the robot is.
+/// Whether positions have moved as their speeds say, over the last kWindow messages, or kLongest. Commands may begin only then: a
+/// position that is damaged by less than Belief finds in each message may have drifted away from where the robot is.
 class Agreement {
  public:
   static constexpr std::size_t kWindow = 50;
@@ -142,8 +142,8 @@ class Agreement {
   /// The positions of joint i are multiples of `step`, rad (prismatic: m), its speeds of `dq_step`, rad/s.
   void set_resolution(std::size_t i, double step, double dq_step);
   void forget();
-  /// A believed position and its speed, rad/s, `elapsed` s after those of the last call; 0: they are the first ones, as after three missing messages. A
-  /// speed that is not finite is not given. Returns why they do not agree, where those before did, else nullptr.
+  /// A believed position and its speed, rad/s, `elapsed` s after those of the last call; 0, or three periods and more: they are the
+  /// first ones. A speed that is not finite is not given. Returns why they do not agree, where those before did, else nullptr.
   const char* compare(std::span<const double> q, std::span<const double> dq, double elapsed);
   bool holds() const { return complete_ && disagrees_ < 0; }
   bool differs() const { return disagrees_ >= 0; }
@@ -165,8 +165,8 @@ class Agreement {
   std::array<char, 160> why_{};
 };
 
-/// The torques of a robot's messages, of which the middle one of five is used (BelievedNumbers). A torque beyond kLargest times the effort of its
-/// joint never is. They are known from the fifth message on, and no longer after more than kMostHeld in a row beyond that.
+/// The torques of a robot's messages, of which the middle one of five is used (BelievedNumbers). One beyond kLargest times the effort
+/// of its joint never is. They are known from the fifth message on, and no longer after more than kMostHeld in a row beyond that.
 class BelievedTorques {
  public:
   static constexpr double kLargest = 10;         // of the effort; a hit goes past the gears to the motors
@@ -179,8 +179,8 @@ class BelievedTorques {
 
   /// Nothing is known.
   void forget();
-  /// The torques of a message (N.m; prismatic: N), and the values that go along with them, as the forces whose torques they are. `possible`: whether
-  /// the rest of the message can be true. Why a torque is not used, now or two messages ago; nullptr: all are.
+  /// The torques of a message (N.m; prismatic: N), and values that go along with them, as the forces whose torques they are.
+  /// `possible`: whether the rest of the message can be true. Returns why a torque is not used, now or two messages ago, else nullptr.
   const char* add(std::span<const double> tau, std::span<const double> along = {}, bool possible = true);
   bool known() const { return numbers_.known(0); }
   /// What is used of torque i; 0 if it is not known.
@@ -193,9 +193,9 @@ class BelievedTorques {
   int in_a_row_ = 0;  // that were not used
 };
 
-/// Where a robot commands itself to be, from which commands begin. What does not follow from the positions of the messages before (Belief), or
-/// is further than kFarthest from where the robot was measured, may be damaged: the measured position is taken instead, with the difference
-/// from it that was believed last. It has to move as the measured position does (Agreement), unless the robot yields: else the measured position is taken.
+/// Where a robot commands itself to be, from which commands begin. What does not follow from the set points before (Belief), or is
+/// further than kFarthest from where the robot was measured, may be damaged: the measured position is taken instead, with the
+/// difference from it that was believed last; without it, if the set point does not move as the measured position does (Agreement).
 class BelievedSetPoint {
  public:
   static constexpr double kFarthest = 0.1;  // rad (prismatic: m)
@@ -205,9 +205,10 @@ class BelievedSetPoint {
 
   /// The next set point is the first one, as after a jump, or of another source.
   void forget();
-  /// The set point `q` of a message, replaced unless it is believed. `elapsed`: s since the message before; `measured`: whether the position measured
-  /// there, q_measured, is believed, else nothing is replaced; `yields`: the robot is impedance-controlled and may be anywhere beside its set point; `follows`: it follows commands already. Returns why the two do not
-  /// move alike, where they did before, else nullptr.
+  /// The set point `q` of a message, replaced unless it is believed. `elapsed`: s since the message before; `measured`: whether the
+  /// position measured there, q_measured, is believed, else nothing is replaced; `yields`: the robot is impedance-controlled and may
+  /// be anywhere beside its set point; `follows`: it follows commands already. Returns why the two do not move alike, where they did
+  /// before, else nullptr.
   const char* take(std::span<double> q, std::span<const double> q_measured, double elapsed, bool measured, bool yields,
                    bool follows);
   /// Whether those of the last two messages were.

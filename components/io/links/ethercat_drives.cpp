@@ -147,8 +147,8 @@ bool EtherCatDrives::takes_targets(const Drive& d) const {
   return d.known && in_mode && (d.status_word & cia402::status::kFollows) != 0;
 }
 
-/// Whether a status word and mode are used. Towards motion they are, so that no drive waits; those that end a motion, or the search of a home, are in
-/// the third input in a row, because they may be damaged.
+/// Whether a status word and mode are used. On the way to Operation enabled they are, so that no drive waits. What changes an enabled
+/// drive, or one in its quick stop, is used with the third input in a row, because it may be damaged.
 bool EtherCatDrives::is_confirmed(Drive& d, std::uint16_t status_word, std::int32_t mode) const {
   const auto decisive = [&](std::uint16_t word, std::int32_t shown) {
     const State state = cia402::state_of(word);
@@ -157,11 +157,10 @@ bool EtherCatDrives::is_confirmed(Drive& d, std::uint16_t status_word, std::int3
     return std::tuple(state, word & bits, shown);
   };
   const State state = d.axis.state();
-  const bool moves = state == State::kQuickStop || (state == State::kOperationEnabled && (follows_ || d.homing.runs()));
+  const bool enabled = state == State::kQuickStop || state == State::kOperationEnabled;
   const bool same = decisive(status_word, mode) == decisive(d.status_word, d.mode_shown);
-  const bool asked = awaited_ && cia402::state_of(status_word) == State::kQuickStop;
   if (same) d.unconfirmed += d.doubts;
-  const bool used = same || !moves || asked || ++d.doubts >= kInARow;
+  const bool used = same || !enabled || ++d.doubts >= kInARow;
   if (used) d.doubts = 0;
   return used;
 }

@@ -52,7 +52,7 @@ class EtherCatDrives {
 
   /// Inputs that were not used.
   std::int32_t implausible() const { return belief_.implausible(); }
-  /// Whether nothing is known of the drives, for longer than `patience`; whether their last inputs were not used; whether positions and speeds agree.
+  /// Whether nothing is known of the drives; whether their last inputs were not used; whether positions and speeds agree.
   bool is_blind() const { return blind_; }
   bool is_held() const { return belief_.is_held(); }
   bool agrees() const { return empty() || speeds_.holds(); }

@@ -27,7 +27,8 @@ namespace cotwin::io {
 ///   drives   (DRIVE402, setting `drives`) joint i likewise: q from its position, commanded as ethercat_drives.h says
 ///   others   a port per channel of the SII's PDOs, or one port <name> if all channels of a direction are bits
 /// initialise() brings the bus to SAFEOP and waits for it; the steps bring it to OP. A step sends the frames of a cycle and uses the
-/// answers to those of the last one, so inputs are one step old, bits and numbers two more (BelievedNumbers). While the bus is not operational, outputs are off and inputs held.
+/// answers to those of the last one, so inputs are one step old, bits and numbers two more (BelievedNumbers). While the bus is not
+/// operational, outputs are off and inputs held.
 /// end() switches the outputs off and brings the slaves to INIT.
 class EtherCatLink final : public Link {
  public:

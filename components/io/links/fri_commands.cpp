@@ -67,7 +67,7 @@ void FriLink::choose_command() {
   const double cycle = m.send_period * m.receive_multiplier;
   const double since =
       answered_ >= 0 ? m.send_period * static_cast<double>(std::max<std::int64_t>(newest - answered_, 0)) : cycle;
-  // The robot's controller has extrapolated the last commands meanwhile, unless it reports that its set point, which is late, has not gone on.
+  // The robot's controller has extrapolated the last commands meanwhile, unless it reports that its set point has not gone on.
   if (const double pause = std::min(since - cycle, kMostBridged * cycle); follows_ && pause > 0) {
     double way = 0, whole = 0;
     for (std::size_t i = 0; i < n_; ++i) {
@@ -155,7 +155,10 @@ void FriLink::follow(double elapsed) {
   refuses_ = commanding && (client_->taken() & quantity()) == 0;
   follows_ = following_ && !pauses && may_follow();
   begins_ = false;
-  if (!pauses) wanted_.tau = {}, wanted_.F.setZero();
+  if (!pauses || acknowledgement_.awaits()) {
+    wanted_.tau = {};
+    wanted_.F.setZero();
+  }
   if (follows_) {
     synchronisation_.command(inputs_.q, gains, elapsed);
     synchronisation_.measure(inputs_.q, {m.q_measured.data(), n_}, gains, elapsed);

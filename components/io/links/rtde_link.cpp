@@ -426,8 +426,8 @@ bool RtdeLink::requests() const {
   return (waits || follows) && !acknowledgement_.awaits();
 }
 
-/// A command moves by one period at most, however long there was none. While the newest package alone says that the robot does not follow, it
-/// comes to rest.
+/// A command moves by one period at most, however long there was none. While the newest package alone says that the robot does
+/// not follow, it comes to rest.
 void RtdeLink::follow() {
   const double elapsed = t_commanded_ >= 0 ? std::clamp(t_robot_ - t_commanded_, 0.0, period_) : period_;
   t_commanded_ = t_robot_;
