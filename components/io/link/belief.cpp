@@ -65,7 +65,7 @@ void ConfirmedState::see(int now) {
 }
 
 Belief::Belief(std::span<const trajectory::Axis> axes, int first)
-    : largest_jump_(axes.size(), kLargestJump), first_(first), believed_(axes.size()), recent_(axes.size()) {
+    : largest_jump_(axes.size(), kLargestJump), first_(first), needed_(first), believed_(axes.size()), recent_(axes.size()) {
   for (const trajectory::Axis& axis : axes) {
     fastest_.push_back(largest_speed(axis));
     q_least_.push_back(axis.q_min - kMargin);
@@ -104,6 +104,12 @@ void Belief::forget() {
   believed_.positions = recent_.positions = in_a_row_ = 0;
   since_ = 0;
   lost_ = held_ = false;
+  needed_ = first_;
+}
+
+void Belief::expect_jump() {
+  believed_.positions = in_a_row_ = 0;
+  needed_ = 2;
 }
 
 void Belief::Track::append(std::span<const double> q_next, double elapsed) {
@@ -136,7 +142,8 @@ bool Belief::is_confirmed(std::span<const double> q) const {
   bool inside = true;
   for (std::size_t i = 0; i < q.size(); ++i) inside = inside && q[i] >= q_least_[i] && q[i] <= q_most_[i];
   if (!inside && recent_.duration < kOutsideTime) return false;
-  return recent_.positions >= first_ && (believed_.positions == 0 || in_a_row_ > kMostHeld);
+  if (believed_.positions == 0) return recent_.positions >= needed_;
+  return in_a_row_ > kMostHeld && recent_.positions > kMostHeld;
 }
 
 Belief::Verdict Belief::add(std::span<const double> q, double elapsed, bool in_time, bool possible) {
@@ -155,10 +162,12 @@ Belief::Verdict Belief::add(std::span<const double> q, double elapsed, bool in_t
     believed_.append(q, since_);
   } else {
     ++in_a_row_;
-    if (!begins || !(first || follows)) count_implausible(!in_time ? kWrongTime : !possible ? kTooFast : kNoMotion);
+    if (!begins || !(first || follows || needed_ < first_))
+      count_implausible(!in_time ? kWrongTime : !possible ? kTooFast : kNoMotion);
     held_ = !possible || !is_confirmed(q);
     if (held_) return Verdict::kHeld;
     believed_ = recent_;
+    needed_ = first_;
   }
   since_ = in_a_row_ = 0;
   const bool begun = begins && !std::exchange(lost_, false);
@@ -177,13 +186,14 @@ void Agreement::set_resolution(std::size_t i, double step, double dq_step) {
 
 void Agreement::forget() {
   moments_ = 0;
-  complete_ = false;
+  complete_ = told_ = false;
   disagrees_ = -1;
 }
 
 const char* Agreement::compare(std::span<const double> q, std::span<const double> dq, double elapsed) {
   constexpr double kMissing = 3.5;  // periods: three messages
-  if (!(elapsed > 0) || (moments_ > 1 && elapsed > kMissing * shortest_)) forget();
+  if (!(elapsed > 0)) forget();
+  const bool gap = moments_ > 1 && elapsed > kMissing * shortest_;
   const bool begins = moments_ == 0;
   const Moment& before = window_[(oldest_ + moments_ + kWindow - 1) % kWindow];
   if (moments_ == kWindow) oldest_ = (oldest_ + 1) % kWindow, --moments_;
@@ -191,17 +201,18 @@ const char* Agreement::compare(std::span<const double> q, std::span<const double
   now.t = begins ? 0 : before.t + elapsed;
   shortest_ = moments_ <= 2 ? elapsed : std::min(shortest_, elapsed);
   for (std::size_t i = 0; i < q.size(); ++i) {
-    const double way = begins ? 0 : (before.dq[i] + dq[i]) / 2 * elapsed;
+    const double way = begins ? 0 : gap ? q[i] - before.q[i] : (before.dq[i] + dq[i]) / 2 * elapsed;
     now.way[i] = begins ? 0 : before.way[i] + way;
-    now.covered[i] = begins ? 0 : before.covered[i] + std::abs(way);
+    now.covered[i] = begins ? 0 : before.covered[i] + (gap ? 0 : std::abs(way));
     now.q[i] = q[i];
     now.dq[i] = dq[i];
   }
   while (now.t - window_[oldest_].t > kLongest) oldest_ = (oldest_ + 1) % kWindow, --moments_;
   const Moment& oldest = window_[oldest_];
   complete_ = complete_ || moments_ == kWindow || now.t >= kLongest;
-  const int before_joint = std::exchange(disagrees_, disagreeing(oldest, now));
-  if (disagrees_ < 0 || before_joint >= 0) return nullptr;
+  disagrees_ = disagreeing(oldest, now);
+  const bool told = std::exchange(told_, complete_ && differs());
+  if (!told_ || told) return nullptr;
   const auto i = static_cast<std::size_t>(disagrees_);
   std::snprintf(why_.data(), why_.size(), "%s has moved by %.3g, and by %.3g as its speed or set point says, rad or m",
                 names_[i].c_str(), now.q[i] - oldest.q[i], now.way[i] - oldest.way[i]);

@@ -87,7 +87,7 @@ class Belief {
   /// Nothing is known: the next positions are the first ones.
   void forget();
   /// The robot sets its positions anew (homing): the next one is used if it follows from the one before, whatever was believed.
-  void expect_jump() { believed_.positions = in_a_row_ = 0; }
+  void expect_jump();
   /// A position, `elapsed` seconds after the one of the last call; 0: not known. `in_time`: whether its time follows from those
   /// before. `possible`: whether the rest of the message can be true; otherwise it is held, however often it comes.
   Verdict add(std::span<const double> q, double elapsed, bool in_time = true, bool possible = true);
@@ -120,11 +120,11 @@ class Belief {
   std::vector<double> fastest_;           // rad/s
   std::vector<double> largest_jump_;      // rad
   std::vector<double> q_least_, q_most_;  // rad, with kMargin
-  int first_;
-  Track believed_, recent_;  // positions that were used, and the last ones whether used or not
-  double since_ = 0;         // s since the last one that was used
-  int in_a_row_ = 0;         // that were held
-  bool lost_ = false;        // what was believed is too old
+  int first_, needed_;                    // positions, until the first one is used
+  Track believed_, recent_;               // positions that were used, and the last ones whether used or not
+  double since_ = 0;                      // s since the last one that was used
+  int in_a_row_ = 0;                      // that were held
+  bool lost_ = false;                     // what was believed is too old
   bool held_ = false;
   std::int32_t implausible_ = 0;
   const char* reason_ = "";  // of the last one
@@ -142,8 +142,8 @@ class Agreement {
   /// The positions of joint i are multiples of `step`, rad (prismatic: m), its speeds of `dq_step`, rad/s.
   void set_resolution(std::size_t i, double step, double dq_step);
   void forget();
-  /// A believed position and its speed, rad/s, `elapsed` s after those of the last call; 0, or three periods and more: they are the
-  /// first ones. A speed that is not finite is not given. Returns why they do not agree, where those before did, else nullptr.
+  /// A believed position and its speed, rad/s, `elapsed` s after those of the last call; 0: they are the first ones. A way
+  /// over three missing messages is left out. A speed that is not finite is not given. Returns why they do not agree, once, when there were enough, else nullptr.
   const char* compare(std::span<const double> q, std::span<const double> dq, double elapsed);
   bool holds() const { return complete_ && disagrees_ < 0; }
   bool differs() const { return disagrees_ >= 0; }
@@ -161,6 +161,7 @@ class Agreement {
   std::size_t oldest_ = 0, moments_ = 0;
   double shortest_ = 0;    // s, between two messages
   bool complete_ = false;  // there were enough
+  bool told_ = false;      // that they do not agree
   int disagrees_ = -1;     // the first joint that does; −1: none
   std::array<char, 160> why_{};
 };

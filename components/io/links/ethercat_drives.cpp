@@ -32,7 +32,9 @@ constexpr const char* kNotEnabled = "was not enabled within enable_timeout (safe
 constexpr const char* kBehind = "was further from its target than following_error_max";
 constexpr const char* kOutside = "stands outside of q_command_min to q_command_max";
 constexpr const char* kSpeedDisagrees =
-    "has a position that does not move as its speed says (one of them is damaged, or dq_scale is wrong)";
+    "had a position that did not move as its speed says (one of them is damaged, or dq_scale is wrong)";
+constexpr const char* kNotCompared =
+    "had not given 50 positions, or those of 0.5 s, within enable_timeout, to compare with its speed";
 constexpr const char* kSilent = "did not answer in time";
 constexpr const char* kBusLost = "the bus was not operational";
 constexpr const char* kJumped = "gave positions or speeds that no motion explains";
@@ -65,12 +67,13 @@ bool EtherCatDrives::has_stopped(bool operational) {
     return true;
   };
   const bool too_late = enabling_ > enable_timeout_;
-  if (!operational && (were_enabled_ || too_late)) {
+  if (!operational && (were_asked_ || too_late)) {
     stopped_missing_ = missing_;
     stopped_silent_ = silent_;
     return stops(doubted_drive(), !blind_ ? kBusLost : belief_.is_held() ? kJumped : kSilent);
   }
-  if (too_late && !agrees()) return stops(doubted_drive(), kSpeedDisagrees);
+  if (std::exchange(differed_, false)) return stops(doubted_drive(), kSpeedDisagrees);
+  if (too_late && !agrees()) return stops(doubted_drive(), speeds_.differs() ? kSpeedDisagrees : kNotCompared);
   for (std::size_t k = 0; k < drives_.size(); ++k) {
     const Drive& d = drives_[k];
     const bool enabled = d.axis.state() == State::kOperationEnabled;
@@ -93,6 +96,8 @@ bool EtherCatDrives::has_stopped(bool operational) {
 /// A drive that becomes able to be enabled long after somebody wished it must not move then.
 void EtherCatDrives::advance_enabling(bool on, double h) {
   were_enabled_ = on && (were_enabled_ || all_enabled());
+  const auto asked = [](const Drive& d) { return d.control_word == cia402::control_of(cia402::Command::kEnableOperation); };
+  were_asked_ = on && (were_asked_ || std::ranges::any_of(drives_, asked));
   const bool homes = std::ranges::any_of(drives_, [](const Drive& d) { return d.homing.runs(); });
   enabling_ = on && !follows_ && !homes ? enabling_ + h : 0;  // the change to and from the homing mode counts, too
 }
@@ -147,8 +152,8 @@ bool EtherCatDrives::takes_targets(const Drive& d) const {
   return d.known && in_mode && (d.status_word & cia402::status::kFollows) != 0;
 }
 
-/// Whether a status word and mode are used. On the way to Operation enabled they are, so that no drive waits. What changes an enabled
-/// drive, or one in its quick stop, is used with the third input in a row, because it may be damaged.
+/// Whether a status word and mode are used. On the way to Operation enabled they are, so that no drive waits. That a drive is
+/// enabled, and what changes an enabled one, or one in its quick stop, is used with the third input in a row.
 bool EtherCatDrives::is_confirmed(Drive& d, std::uint16_t status_word, std::int32_t mode) const {
   const auto decisive = [&](std::uint16_t word, std::int32_t shown) {
     const State state = cia402::state_of(word);
@@ -157,10 +162,11 @@ bool EtherCatDrives::is_confirmed(Drive& d, std::uint16_t status_word, std::int3
     return std::tuple(state, word & bits, shown);
   };
   const State state = d.axis.state();
-  const bool enabled = state == State::kQuickStop || state == State::kOperationEnabled;
+  const bool moves = state == State::kQuickStop || state == State::kOperationEnabled ||
+                     cia402::state_of(status_word) == State::kOperationEnabled;
   const bool same = decisive(status_word, mode) == decisive(d.status_word, d.mode_shown);
   if (same) d.unconfirmed += d.doubts;
-  const bool used = same || !enabled || ++d.doubts >= kInARow;
+  const bool used = same || !moves || ++d.doubts >= kInARow;
   if (used) d.doubts = 0;
   return used;
 }
@@ -199,8 +205,7 @@ void EtherCatDrives::write(ethercat::Master& master, std::int64_t now, const Com
                                           : 0;
   }
   const double interval = 1e-9 * static_cast<double>(master.output_interval(now));
-  choose_targets(command, h, interval,
-                 wanted == Wish::kOn && !homes() && all_enabled() && (follows_ || enabled_inputs_ >= kInARow));
+  choose_targets(command, h, interval, wanted == Wish::kOn && !homes() && all_enabled());
   for (std::size_t k = 0; k < drives_.size(); ++k) write_targets(master, k);
   write_outputs();
 }
@@ -307,7 +312,6 @@ void EtherCatDrives::wait(double h, double patience) {
     belief_.forget();
     speeds_.forget();
     tau_.forget();
-    enabled_inputs_ = 0;
   }
   if (blind_)
     for (Drive& d : drives_) d.axis.forget();
@@ -340,7 +344,10 @@ bool EtherCatDrives::read(const ethercat::Master& master) {
   const Belief::Verdict verdict = belief_.add(q_read_, std::exchange(elapsed_, 0), true, possible);
   if (belief_.is_held()) return false;
   const char* const differs = speeds_.compare(q_read_, dq_given_, silent_);
-  if (differs != nullptr && !were_enabled_) belief_.count_implausible(differs);
+  if (differs != nullptr && !were_enabled_) {
+    belief_.count_implausible(differs);
+    differed_ = drives();
+  }
   if (const char* const why = tau_.add(tau_read_)) belief_.count_implausible(why);
   const bool moves = verdict == Belief::Verdict::kPlausible;
   const auto way = [&](std::size_t k) { return std::abs(q_read_[k] - q_[k]); };
@@ -371,8 +378,6 @@ bool EtherCatDrives::read(const ethercat::Master& master) {
   last_elapsed_ = std::exchange(silent_, 0);
   missing_ = 0;
   blind_ = false;
-  const auto enabled = [](const Drive& d) { return cia402::state_of(d.status_word) == State::kOperationEnabled; };
-  enabled_inputs_ = std::ranges::all_of(drives_, enabled) ? enabled_inputs_ + 1 : 0;
   return fresh_ = true;
 }
 

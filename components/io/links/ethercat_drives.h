@@ -29,7 +29,7 @@ namespace cotwin::io {
 ///   torque     target = tau_command, within its limit, with the soft start
 /// A rising edge of `home` makes a drive find its zero, as its objects 0x6098 and 0x6099 say, while the others hold.
 /// Nothing moves by itself. A drive is enabled with mode other than monitor while the input `enable` is on, where its position moves as its speed says
-/// (Agreement, of drives with 0x606C); all drives are enabled, in three inputs in a row, before one moves;
+/// (Agreement, of drives with 0x606C); all drives are enabled before one moves;
 /// a target begins where the drive is and stays there until then. Drives that are not enabled in time, a fault, a drive that leaves Operation enabled by
 /// itself, a jump of a position, one far from its target, the input quick_stop and a loss of the bus stop all drives (quick stop; drives that the bus
 /// does not reach stop by themselves) until `acknowledge` rises, which also resets faults, once. While a single status word says that an enabled drive
@@ -153,7 +153,8 @@ class EtherCatDrives {
   bool awaited_ = false, follows_ = false, fresh_ = false;
   bool blind_ = false;                          // nothing is known of the drives
   bool pauses_ = false;                         // a drive may not move any more, which is not confirmed
-  int enabled_inputs_ = 0;                      // in a row in which all drives were enabled
+  bool were_asked_ = false;                     // one, to enable operation, since they were wished on
+  bool differed_ = false;                       // a position from its speed, before they were enabled
   const Drive* jumped_ = nullptr;               // since the last write()
   bool were_enabled_ = false;                   // all, since they were wished on
   double enabling_ = 0;                         // s for which they were wished on before that

@@ -262,7 +262,8 @@ void EtherCatDrives::initialise(double cycle, std::span<const double> q_scale, s
     tau_target_[k] = 0;
   }
   awaited_ = follows_ = fresh_ = were_enabled_ = blind_ = pauses_ = false;
-  enabled_inputs_ = missing_ = 0;
+  were_asked_ = differed_ = false;
+  missing_ = 0;
   jumped_ = nullptr;
   cycle_ = cycle;
   enabling_ = 0;

@@ -49,8 +49,8 @@ class EtherCatEncoder {
   std::optional<Speed> pop_speed();
   /// s since the last read().
   double unread() const { return unread_; }
-  /// Whether the last counter was not used.
-  bool is_held() const { return in_a_row_ > 0; }
+  /// Whether the last counter was not used, for at most `patience` s.
+  bool is_held(double patience) const { return in_a_row_ > 0 && unread_ <= patience; }
   bool was_restarted() const { return was_restarted_; }
   bool may_have_wrapped() const { return may_have_wrapped_; }
   /// Counters that no motion explains, and that were not used.

@@ -22,11 +22,9 @@ using Kind = SlaveChoice::Kind;
 const std::string kEtherCatPlace = "unit:io?link=ethercat";
 constexpr std::int64_t kEpoch = 946'684'800'000'000'000;  // ns from 1970 to 2000, with which EtherCAT's time begins
 constexpr const char* kNotOperational = "the bus was not operational at some time: its outputs were off and its inputs held";
-
 constexpr const char* kRestarted =
     "an encoder terminal was switched off and on: its position continues from the last known one, movements meanwhile are "
     "unknown";
-
 constexpr const char* kWrapped =
     "an encoder's counter of 16 bits was not read for longer than timeout: its position may be off by multiples of 65536 "
     "counts "
@@ -103,10 +101,10 @@ EtherCatLink::EtherCatLink(Settings& settings, const std::vector<trajectory::Axi
       al_code_(slaves_.size()) {
   for (std::size_t i = 0; i < slaves_.size(); ++i) {
     const SlaveChoice& s = slaves_[i];
-    if (s.kind == Kind::kDigitalInputs) devices_[i].numbers = numbers_.add(BelievedNumbers::Kind::kState, 16);
-    if (s.kind == Kind::kImage) {
-      const auto kind = s.is_digital(false) ? BelievedNumbers::Kind::kState : BelievedNumbers::Kind::kNumber;
-      devices_[i].numbers = numbers_.add(kind, s.setup.inputs.size());
+    if (s.kind == Kind::kDigitalInputs || s.kind == Kind::kImage) {
+      const bool terminal = s.kind == Kind::kDigitalInputs, bits = terminal || s.is_digital(false);
+      devices_[i].numbers = numbers_.add(bits ? BelievedNumbers::Kind::kState : BelievedNumbers::Kind::kNumber,
+                                         terminal ? devices_[i].channels.size() : s.setup.inputs.size());
     }
     if (s.kind != Kind::kEncoder) continue;
     encoders_.push_back(i);
@@ -386,10 +384,8 @@ void EtherCatLink::write_devices() {
 
 /// Whether the last inputs have a position that was not used.
 bool EtherCatLink::is_held() const {
-  const auto held = [&](std::size_t i) {
-    return devices_[i].encoder->is_held() && devices_[i].encoder->unread() <= patience();
-  };
-  return drives_.is_held() || std::ranges::any_of(encoders_, held);
+  return drives_.is_held() ||
+         std::ranges::any_of(encoders_, [&](std::size_t i) { return devices_[i].encoder->is_held(patience()); });
 }
 
 void EtherCatLink::read_devices() {
@@ -410,9 +406,10 @@ void EtherCatLink::read_devices() {
     } else if (s.kind == Kind::kImage) {
       for (std::size_t c = 0; c < s.setup.inputs.size(); ++c) {
         const ethercat::Channel& channel = s.setup.inputs[c];
-        const auto raw = static_cast<std::int32_t>(read_bits(in, channel.bit, channel.bits));
-        const auto value = static_cast<std::int32_t>(numbers_.put(d.numbers + c, raw));
-        (d.input_bits ? static_cast<void>(d.input_bits[c] = value != 0) : static_cast<void>(d.inputs[c] = value));
+        const auto value = static_cast<std::int32_t>(read_bits(in, channel.bit, channel.bits));
+        const double used = numbers_.put(d.numbers + c, value);
+        if (d.input_bits) d.input_bits[c] = used != 0;
+        if (!d.input_bits) d.inputs[c] = static_cast<std::int32_t>(used);
       }
     }
   }

@@ -53,7 +53,7 @@ class EtherCatLink final : public Link {
   void write_devices();
   void read_devices();
   void measure(Measured& measured);
-  double patience() const { return std::max(timeout_, 3 * cycle_); }  // s
+  double patience() const { return std::max(timeout_, 6 * cycle_); }  // s
   void check_cycle(Duration h);
   int encoder_jumps() const;
   bool is_held() const;

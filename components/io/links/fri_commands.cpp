@@ -126,7 +126,7 @@ void FriLink::follow(double elapsed) {
   const bool own = m.has(fri::Monitoring::kInterpolatorPosition) && protocol_ != fri::Protocol::kLwr;
   const fri::Joints& place = m.has(fri::Monitoring::kCommandedPosition) ? m.q_commanded : m.q_measured;
   const fri::Joints& robot = own ? m.q_interpolator : place;
-  const bool ends = following_ && takes_.value == 0, pauses = following_ && !ends && !takes_.is_sure();
+  const bool ends = following_ && takes_.value != followed_, pauses = following_ && !ends && !takes_.is_sure();
   if (ends) demand_acknowledgement();
   if (pauses) {  // what was asked for stays: the answer is that to the messages before
     m.state = fri::SessionState::kCommandingActive;
@@ -152,6 +152,7 @@ void FriLink::follow(double elapsed) {
   }
   if (begins && !(near && set_point_.believed() && pose_.believed())) demand_acknowledgement();
   following_ = commanding && (following_ || begins);
+  if (begins) followed_ = takes_.value;
   refuses_ = commanding && (client_->taken() & quantity()) == 0;
   follows_ = following_ && !pauses && may_follow();
   begins_ = false;

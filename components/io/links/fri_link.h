@@ -74,6 +74,9 @@ class FriLink final : public Link {
     std::array<double, 4> quat{1, 0, 0, 0};
     bool has_place = false;  // a usable q, or p and quat, was there
   };
+  /// What numbers_ has: five states, X_measured, reals, integers and bits of the robot's program.
+  static constexpr std::size_t kState = 0, kQuality = 1, kSafety = 2, kCommandMode = 3, kControl = 4, kPose = 5,
+                               kReal = kPose + 12, kInteger = kReal + 16, kBoolean = kInteger + 16;
   /// What came while the initialisation waited, for its error.
   struct Heard {
     std::uint64_t refused = 0;
@@ -95,6 +98,7 @@ class FriLink final : public Link {
   void begin_session();
   void forget();
   bool is_believed();
+  void add_numbers();
   void read_torques();
   void read_others();
   void examine_set_point(double elapsed);
@@ -164,6 +168,8 @@ class FriLink final : public Link {
   bool begins_ = false;             // the next answer begins where the robot is: the first of a session, or after a jump
   bool own_ = false;                // the last set point was that of the robot's own motion
   fri::Joints set_point_before_{};  // rad, commanded in the message that was answered last
+  int followed_ = 0;                // takes_, since commands began
+  double offered_period_ = 0;       // s, of the last message, measured or not
   bool yields_ = false;             // the robot is impedance-controlled: its set point may be elsewhere
   std::int64_t believed_at_ = 0;    // ns, scenario time of that message, or of the beginning of the session
   std::uint64_t sessions_ = 0;

@@ -206,7 +206,7 @@ void RtdeLink::forget() {
   set_point_.forget();
   numbers_.forget();
   follows_ = {};
-  t_waiting_ = -1;
+  t_waiting_ = t_offered_ = -1;
   misfits_ = 0;
 }
 
@@ -230,7 +230,8 @@ bool RtdeLink::is_believed(double t, std::int64_t host) {
   const auto joints = [&](const char* name) { return c.values().subspan(c.directory().slot(name), n_); };
   const double since = t - t_robot_, passed = static_cast<double>(host - arrived_) / 1e9;
   const bool in_time = !connected_ || (since >= 0 && since <= passed + patience());
-  bool possible = true;
+  // Before there is a time of the robot, that of the package before counts.
+  bool possible = connected_ || t_offered_ < 0 || (t > t_offered_ && t - t_offered_ <= patience());
   for (std::size_t i = 0; i < n_; ++i) possible = possible && belief_.allows(i, joints("actual_qd")[i]);
   // Packages without a possible time are taken for a cycle apart.
   const double elapsed = in_time && t > t_offered_ ? std::min(t - t_offered_, patience()) : 1 / frequency_;

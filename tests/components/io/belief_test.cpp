@@ -391,16 +391,21 @@ TEST(Agreement, TakesNoSoundJointForOneThatDrifts) {
   EXPECT_EQ(coarse.why, "");
 }
 
-TEST(Agreement, BeginsAnewAfterThreeMissingMessagesAndWithoutASpeedComparesNothing) {
+TEST(Agreement, LeavesOutTheWayOverMissingMessagesAndWithoutASpeedComparesNothing) {
   Compared joint;
   for (int k = 0; k < 60; ++k) joint.add(0.3, 0);
   EXPECT_TRUE(joint.agreement.holds());
-  joint.h = 0.006;
-  EXPECT_TRUE(joint.add(0.3, 0)) << "two are missing";
   joint.h = 0.008;
-  EXPECT_FALSE(joint.add(0.7, 0)) << "three are";
-  joint.h = 0.002;
-  for (int k = 0; k < 49; ++k) EXPECT_EQ(joint.add(0.7, 0), k == 48) << k;
+  EXPECT_TRUE(joint.add(0.7, 0)) << "three are missing";
+  joint.h = 0.006;
+  EXPECT_FALSE(joint.add(0.71, 0)) << "two are";
+  Compared bursts;  // of three lost ones in each 30, and the joint moves
+  for (int k = 0, n = 0; k < 500; ++k) {
+    const int next = k % 27 == 26 ? 4 : 1;
+    bursts.h = 0.002 * next;
+    n += next;
+    EXPECT_EQ(bursts.add(0.002 * 0.5 * n, 0.5), k > 48) << k;
+  }
   Compared without;
   for (int k = 0; k < 200; ++k) EXPECT_EQ(without.add(0.001 * k, std::nan("")), k >= 49);
 }

@@ -372,8 +372,8 @@ TEST_P(FriDamage, CommandsDoNotBeginAtASetPointThatDrifts) {
     }
     const bool gives = GetParam() != Protocol::kLwr;
     EXPECT_FALSE(gives && rig.twin.boolean("commanding")) << drift;
-    if (gives) {
-      EXPECT_GE(rig.twin.integer("implausible"), 1);
+    if (gives && std::abs(drift) < 2e-3) {  // else it is soon too far away
+      EXPECT_GE(rig.twin.integer("implausible"), 1) << drift;
     }
   }
 }

@@ -8,6 +8,7 @@
 #include <chrono>
 #include <cmath>
 #include <numbers>
+#include <random>
 #include <set>
 #include <string>
 #include <thread>
@@ -66,6 +67,22 @@ struct Session {
     }
     ASSERT_EQ(twin.instance.unit->step(now, h), StepResult::kDone);
     if (robot_runs && twin.integer("state") != 0 && twin.boolean("fresh")) {
+      ASSERT_TRUE(robot.heard());
+    }
+  }
+  /// A period whose message is lost, or not.
+  void lossy_period(bool lost) {
+    const Time now{n * h.ns};
+    ++n;
+    std::ranges::copy(q, robot.reals("q").begin());
+    ASSERT_EQ(robot.instance.unit->step(now, h), StepResult::kDone);
+    std::ranges::copy(robot.reals("q_command"), q.begin());
+    ASSERT_TRUE(twin.heard());
+    if (lost) {
+      ASSERT_TRUE(twin.datagrams().receive().has_value());
+    }
+    ASSERT_EQ(twin.instance.unit->step(now, h), StepResult::kDone);
+    if (!lost) {
       ASSERT_TRUE(robot.heard());
     }
   }
@@ -446,6 +463,38 @@ TEST_P(FriLink, CountsWhatALossyNetworkHasDone) {
   EXPECT_LT(farthest, 0.5 * s.h.seconds() * 8);
   for (std::size_t i = 0; i < 7; ++i) {
     EXPECT_NEAR(s.robot.real("q_command", i), s.twin.real("q_command", i), 1e-6) << "in step afterwards";
+  }
+}
+
+// The twin moves at the speed limit, to and fro; messages are lost, at most nine in a row.
+TEST_P(FriLink, MovesTheRobotNoFasterAfterPauses) {
+  for (const double share : {0.05, 0.5, 0.9}) {
+    Session s(GetParam());
+    s.robot.set("max_lost", "100");
+    s.robot.set("fair", "0");
+    s.robot.set("good", "0");
+    std::ranges::fill(s.twin.reals("dq_command_max"), 0.5);
+    s.start();
+    ASSERT_GE(s.until_commanding(), 0);
+    s.settle();
+    std::mt19937 random(4);
+    double q = s.robot.real("q_command", 0), before = q, largest = 0;
+    int in_a_row = 0;
+    for (int k = 0; k < 1500; ++k) {
+      q += 0.5 * s.h.seconds() * (k / 300 % 2 == 0 ? 1 : -1);
+      s.twin.reals("q_command")[0] = q;
+      const bool lost = in_a_row < 9 && static_cast<double>(random() % 1000) < 1000 * share;
+      in_a_row = lost ? in_a_row + 1 : 0;
+      s.lossy_period(lost);
+      ASSERT_FALSE(HasFatalFailure());
+      const double now = s.robot.real("q_command", 0);
+      largest = std::max(largest, std::abs(now - before) / s.h.seconds());
+      before = now;
+    }
+    EXPECT_TRUE(s.robot.boolean("active")) << share;
+    EXPECT_EQ(s.robot.integer("drops"), 0) << share;
+    // Where nine periods in a row are extrapolated over a reversal, the robot's controller catches up.
+    EXPECT_LE(largest, share < 0.1 ? 1.01 * 0.5 : 0.7) << share;
   }
 }
 
