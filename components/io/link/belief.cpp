@@ -185,7 +185,7 @@ void Agreement::set_resolution(std::size_t i, double step, double dq_step) {
 }
 
 void Agreement::forget() {
-  moments_ = 0;
+  moments_ = messages_ = 0;
   complete_ = told_ = false;
   disagrees_ = -1;
 }
@@ -193,13 +193,16 @@ void Agreement::forget() {
 const char* Agreement::compare(std::span<const double> q, std::span<const double> dq, double elapsed) {
   constexpr double kMissing = 3.5;  // periods: three messages
   if (!(elapsed > 0)) forget();
-  const bool gap = moments_ > 1 && elapsed > kMissing * shortest_;
-  const bool begins = moments_ == 0;
-  const Moment& before = window_[(oldest_ + moments_ + kWindow - 1) % kWindow];
-  if (moments_ == kWindow) oldest_ = (oldest_ + 1) % kWindow, --moments_;
-  Moment& now = window_[(oldest_ + moments_++) % kWindow];
+  const bool begins = messages_ == 0, gap = messages_ > 1 && elapsed > kMissing * shortest_;
+  const auto moment = [&](std::size_t i) -> Moment& { return window_[(oldest_ + i) % kWindow]; };
+  const Moment& before = moment(moments_ + kWindow - 1);
+  // The last moment is replaced until it is far enough from the one before it.
+  const bool replaces = moments_ > 1 && before.t - moment(moments_ - 2).t < kLongest / kWindow;
+  if (moments_ == kWindow && !replaces) oldest_ = (oldest_ + 1) % kWindow, --moments_;
+  Moment& now = moment(replaces ? moments_ - 1 : moments_++);
   now.t = begins ? 0 : before.t + elapsed;
-  shortest_ = moments_ <= 2 ? elapsed : std::min(shortest_, elapsed);
+  shortest_ = messages_ <= 1 ? elapsed : std::min(shortest_, elapsed);
+  messages_ = std::min(messages_ + 1, kWindow);
   for (std::size_t i = 0; i < q.size(); ++i) {
     const double way = begins ? 0 : gap ? q[i] - before.q[i] : (before.dq[i] + dq[i]) / 2 * elapsed;
     now.way[i] = begins ? 0 : before.way[i] + way;
@@ -207,9 +210,9 @@ const char* Agreement::compare(std::span<const double> q, std::span<const double
     now.q[i] = q[i];
     now.dq[i] = dq[i];
   }
-  while (now.t - window_[oldest_].t > kLongest) oldest_ = (oldest_ + 1) % kWindow, --moments_;
-  const Moment& oldest = window_[oldest_];
-  complete_ = complete_ || moments_ == kWindow || now.t >= kLongest;
+  while (now.t - moment(0).t > kLongest) oldest_ = (oldest_ + 1) % kWindow, --moments_;
+  const Moment& oldest = moment(0);
+  complete_ = complete_ || messages_ == kWindow || now.t >= kLongest;
   disagrees_ = disagreeing(oldest, now);
   const bool told = std::exchange(told_, complete_ && differs());
   if (!told_ || told) return nullptr;

@@ -130,7 +130,7 @@ class Belief {
   const char* reason_ = "";  // of the last one
 };
 
-/// Whether positions have moved as their speeds say, over the last kWindow messages, or kLongest. Commands may begin only then: a
+/// Whether positions have moved as their speeds say, over kLongest, or kWindow messages at first. Commands may begin only then: a
 /// position that is damaged by less than Belief finds in each message may have drifted away from where the robot is.
 class Agreement {
  public:
@@ -143,7 +143,8 @@ class Agreement {
   void set_resolution(std::size_t i, double step, double dq_step);
   void forget();
   /// A believed position and its speed, rad/s, `elapsed` s after those of the last call; 0: they are the first ones. A way
-  /// over three missing messages is left out. A speed that is not finite is not given. Returns why they do not agree, once, when there were enough, else nullptr.
+  /// over three missing messages is left out. A speed that is not finite is not given. Returns why they do not agree, once, when
+  /// there were enough, else nullptr.
   const char* compare(std::span<const double> q, std::span<const double> dq, double elapsed);
   bool holds() const { return complete_ && disagrees_ < 0; }
   bool differs() const { return disagrees_ >= 0; }
@@ -158,11 +159,11 @@ class Agreement {
   std::vector<std::string> names_;
   std::vector<double> step_, dq_step_;  // rad, rad/s
   std::array<Moment, kWindow> window_;
-  std::size_t oldest_ = 0, moments_ = 0;
-  double shortest_ = 0;    // s, between two messages
-  bool complete_ = false;  // there were enough
-  bool told_ = false;      // that they do not agree
-  int disagrees_ = -1;     // the first joint that does; −1: none
+  std::size_t oldest_ = 0, moments_ = 0, messages_ = 0;  // messages_: at most kWindow
+  double shortest_ = 0;                                  // s, between two messages
+  bool complete_ = false;                                // there were enough
+  bool told_ = false;                                    // that they do not agree
+  int disagrees_ = -1;                                   // the first joint that does; −1: none
   std::array<char, 160> why_{};
 };
 

@@ -369,6 +369,16 @@ TEST(Agreement, FindsAPositionThatDriftsWithoutASpeed) {
   }
 }
 
+// 10 mrad/s at 1 ms: more than 50 messages are needed.
+TEST(Agreement, FindsASlowDriftOverHalfASecond) {
+  Compared joint{.h = 0.001};
+  int k = 0;
+  for (double q = 0; k < 1000 && (k < 60 || joint.agreement.holds()); ++k) joint.add(q += 1e-5, 0);
+  EXPECT_NEAR(k, 200, 15) << "2 mrad";
+  for (double q = 0; k < 3000; ++k) joint.add(q += 3e-6, 0);  // 3 mrad/s are below the slack
+  EXPECT_TRUE(joint.agreement.holds());
+}
+
 // A low-pass of 40 ms of the speed, half of it allowed for by the change of speed, a scale that is 4 % off, noise, coarse counts.
 TEST(Agreement, TakesNoSoundJointForOneThatDrifts) {
   std::mt19937 random(8);

@@ -415,22 +415,24 @@ TEST(DamagedFrames, NoBitOfADriveMovesAnAxis) {
   }
 }
 
+/// Adds so many counts to the position in returning process data.
+void add(std::span<std::uint8_t> frame, std::size_t byte, int counts) {
+  FrameReader reader(frame);
+  Datagram d;
+  while (reader.next(d)) {
+    if (d.command != Command::kLrw) continue;
+    const std::span<std::uint8_t> value = frame.subspan(d.data + byte);
+    io::write_bits(value, 0, 32, io::read_bits(value, 0, 32) + static_cast<std::uint32_t>(counts));
+  }
+}
+
 // The position drifts by so much an answer, whose speed says 0: the drives are not enabled, and nothing is acknowledged.
 TEST(DamagedFrames, NoDriveIsEnabledAtAPositionThatDrifts) {
   for (const int counts : {5, 20, 100, 400}) {
     Drives d(1e-5, 1, true, 30);
     const std::size_t at = position_of(d);
     int off = 0;
-    d.faulty.changes = [&](std::span<std::uint8_t> frame) {
-      off += counts;
-      FrameReader reader(frame);
-      Datagram datagram;
-      while (reader.next(datagram)) {
-        if (datagram.command != Command::kLrw) continue;
-        const std::uint32_t sound = io::read_bits(frame.subspan(datagram.data + at), 0, 32);
-        io::write_bits(frame.subspan(datagram.data + at), 0, 32, sound + static_cast<std::uint32_t>(off));
-      }
-    };
+    d.faulty.changes = [&](std::span<std::uint8_t> frame) { add(frame, at, off += counts); };
     for (int i = 0; i < 2500; ++i) {
       d.step();
       ASSERT_NE(d.v.at("drive_state").integers()[0], 4) << counts << ' ' << i;
@@ -448,15 +450,7 @@ TEST(DamagedFrames, ADriveThatJumpsWhenItIsEnabledStopsUntilItIsAcknowledged) {
   for (const int off : {10'000, 30'000}) {
     Drives d(1e-5, 1, true, 3);
     const std::size_t at = position_of(d);
-    d.faulty.changes = [&](std::span<std::uint8_t> frame) {
-      FrameReader reader(frame);
-      Datagram datagram;
-      while (reader.next(datagram)) {
-        if (datagram.command != Command::kLrw) continue;
-        const std::uint32_t sound = io::read_bits(frame.subspan(datagram.data + at), 0, 32);
-        io::write_bits(frame.subspan(datagram.data + at), 0, 32, sound + static_cast<std::uint32_t>(off));
-      }
-    };
+    d.faulty.changes = [&](std::span<std::uint8_t> frame) { add(frame, at, off); };
     for (int i = 0; i < 3000; ++i) d.step();
     EXPECT_TRUE(d.acknowledgement.awaits());
     EXPECT_LE(std::abs(1e-5 * d.v.at("q1_field").reals()[0]), 1.25e-5 * off) << off;
@@ -469,15 +463,7 @@ TEST(DamagedFrames, ADriftBeforeEnablingIsAcknowledged) {
   const std::size_t at = position_of(d);
   assign_text(d.v.at("enable"), "false");
   int off = 0;
-  d.faulty.changes = [&](std::span<std::uint8_t> frame) {
-    FrameReader reader(frame);
-    Datagram datagram;
-    while (reader.next(datagram)) {
-      if (datagram.command != Command::kLrw) continue;
-      const std::uint32_t sound = io::read_bits(frame.subspan(datagram.data + at), 0, 32);
-      io::write_bits(frame.subspan(datagram.data + at), 0, 32, sound + static_cast<std::uint32_t>(off));
-    }
-  };
+  d.faulty.changes = [&](std::span<std::uint8_t> frame) { add(frame, at, off); };
   for (int i = 0; i < 1000; ++i, off += 20) d.step();
   assign_text(d.v.at("enable"), "true");
   for (int i = 0; i < 1000; ++i) d.step();

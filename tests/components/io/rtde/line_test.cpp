@@ -246,7 +246,7 @@ TEST(RtdeLink, ALossARestartOrAJumpIsFollowedByNothingUntilItIsAcknowledged) {
     }
     if (event == "jump" || event == "clock") s.periods(Belief::kMostHeld);  // nothing is sent
     if (event == "restart") s.periods(Belief::kMostHeld);                   // nor before five packages
-    for (int k = 0; k < 100; ++k) {
+    for (int k = 0; k < 260; ++k) {                                         // 0.5 s: position and speed agree again
       s.period();
       ASSERT_EQ(s.request(), 0) << k;
       ASSERT_EQ(s.command(0), s.robot.q[0]) << k;
@@ -514,7 +514,7 @@ TEST(RtdeLink, OutputsAndRegistersStayUntilTheLossIsAcknowledged) {
     s.twin.set("digital_command", "2");
     s.twin.reals("double_command")[20] = 0.75;
     s.twin.instance.variables.at("int_command").integers()[20] = 7;
-    s.periods(60);
+    s.periods(260);  // 0.5 s: position and speed agree again
     EXPECT_EQ(s.twin.integer("connections"), hangs_up ? 2 : 1);
     EXPECT_EQ(s.robot.controller.at("standard_digital_output_mask"), 0);
     EXPECT_EQ(s.robot.controller.at("input_double_register_44"), hangs_up ? 0 : 0.5);
