@@ -22,7 +22,11 @@ Convex polytope_of(scene::Polytope polytope, const Pose& X_BS) {
   for (const Vector3d& v : polytope.vertices) low = low.cwiseMin(v), high = high.cwiseMax(v);
   const Vector3d middle = (low + high) / 2;
   for (Vector3d& v : polytope.vertices) v -= middle;
-  for (scene::Polytope::Face& face : polytope.faces) face.d -= face.n.dot(middle);
+  for (scene::Polytope::Face& face : polytope.faces) {  // anew: coordinates may have been large
+    face.d = -scene::kInfinity;
+    for (Index k = 0; k < face.count; ++k)
+      face.d = std::max(face.d, face.n.dot(polytope.vertices[polytope.corners[face.begin + k]]));
+  }
   convex.extent = (high - low) / 2;
   convex.polytope = std::move(polytope);
   convex.X_BC = X_BS * Pose{Eigen::Matrix3d::Identity(), middle};

@@ -34,8 +34,9 @@ struct Polytope {
 Polytope box_polytope(const Eigen::Vector3d& size);
 
 /// The convex hull of `points`; its vertices are a subset of them, in their order. Points within 1e-9 of the extent of a face's
-/// plane belong to the face. Throws Error for fewer than four points, points that are not finite, and points (nearly) in one
-/// plane.
+/// plane belong to the face, and of points nearer to each other than that one is a vertex. It is verified: convex at every edge,
+/// Euler's formula, no point above a face by more than 1e-9 of the extent and 1e-15 of the largest coordinate (of very many points:
+/// a share of them). Throws Error for fewer than four points, points that are not finite, and points (nearly) in one plane.
 Polytope convex_hull(std::span<const Eigen::Vector3d> points);
 
 }  // namespace cotwin::scene
