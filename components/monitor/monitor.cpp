@@ -231,6 +231,7 @@ void Monitor::write(std::size_t group, int robot, Ports& ports) const {
     ports.rate = 0;
     ports.p_a = ports.p_b = ports.n = {};
     ports.pair = {};
+    ports.points_known = 0;
     return;
   }
   std::size_t a = cell_.pairs[nearest_pairs_[group]].a, b = cell_.pairs[nearest_pairs_[group]].b;
@@ -254,6 +255,7 @@ void Monitor::write(std::size_t group, int robot, Ports& ports) const {
   Eigen::Map<Vector3d>(ports.p_b.data()) = p_b;
   Eigen::Map<Vector3d>(ports.n.data()) = n;
   ports.pair = {static_cast<std::int32_t>(a) + 1, static_cast<std::int32_t>(b) + 1};
+  ports.points_known = nearest.on_surfaces ? 1 : 0;
 }
 
 void Monitor::write_outputs() {

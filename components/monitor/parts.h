@@ -25,11 +25,12 @@ struct Ports {
   std::array<double, 3> p_a{}, p_b{}, n{};
   std::array<std::int32_t, 2> pair{};
   double separation = kNone, S_p = 0, speed = 1;
-  std::int32_t zone = 0;
+  std::int32_t zone = 0, points_known = 0;
   /// The pair that `separation` is of, as pair, p_a and p_b.
   struct Apart {
     std::array<std::int32_t, 2> pair{};
     std::array<double, 3> p_a{}, p_b{};
+    std::int32_t points_known = 0;
   } apart;
 };
 

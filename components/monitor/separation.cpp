@@ -218,6 +218,7 @@ void Monitor::keep_separation(double t, double h) {
       r.ports.apart.pair = {static_cast<std::int32_t>(nearest.link) + 1, static_cast<std::int32_t>(nearest.body) + 1};
       Eigen::Map<Eigen::Vector3d>(r.ports.apart.p_a.data()) = apart.p_b - r_ * apart.n;
       Eigen::Map<Eigen::Vector3d>(r.ports.apart.p_b.data()) = apart.p_a;
+      r.ports.apart.points_known = apart.on_surfaces ? 1 : 0;
     }
     if (separation.update(figures_, nearest, ahead, r.speeds, t, lost && !r.kept.empty())) {
       constexpr EventCode kCodes[] = {EventCode::kClear, EventCode::kSlow, EventCode::kStop};

@@ -33,6 +33,10 @@ void Monitor::declare_ports(Variables& v, Ports& ports, const std::string& x, co
   v.output(x + "p_a", ports.p_a, "m", "nearest point on the inflated robot, in W").discrete();
   v.output(x + "p_b", ports.p_b, "m", "nearest point on the other one, in W: p_a + distance normal").discrete();
   v.output(x + "normal", ports.n, "1", "unit vector in W from p_a to p_b").discrete();
+  v.output(x + "points_known", ports.points_known,
+           "1 while p_a and p_b are on the surfaces; 0: there is no pair, or they are not known, as one overlaps with the "
+           "inside of a "
+           "closed mesh");
   v.output(x + "pair", ports.pair,
            "the two bodies, that of the robot first: bodies of the scene from 1, then base and links of each robot; 0: none");
   v.output(x + "distance_rate", ports.rate, "m/s", "rate of the distance of this pair, n'(v_b - v_a); negative: they approach")
@@ -56,6 +60,7 @@ void Monitor::declare_separation(Variables& v) {
     v.output(x + "separation_pair", ports.apart.pair, "this pair: link and body, as in pair; 0: there is none");
     v.output(x + "separation_p_a", ports.apart.p_a, "m", "its nearest point on the inflated robot, in W").discrete();
     v.output(x + "separation_p_b", ports.apart.p_b, "m", "its nearest point on the body, in W").discrete();
+    v.output(x + "separation_points_known", ports.apart.points_known, "1 while these two are on the surfaces, as points_known");
   };
   add(all_, "", robots_.size() == 1 ? "the robot" : "all robots");
   figures_.declare(v);

@@ -109,7 +109,7 @@ Distance Finder::find(const Body& a, const Pose& X_WA, const Body& b, const Pose
   if (b.points_ != nullptr) return from_cloud(a, X_WA, b, X_WB, most);
   if (a.points_ != nullptr) {
     const Distance back = from_cloud(b, X_WB, a, X_WA, most);
-    return {back.d, -back.n, back.p_b, back.p_a};
+    return {back.d, -back.n, back.p_b, back.p_a, back.on_surfaces};
   }
   Distance best = nearest(a, X_WA, b, X_WB, most);
   if (best.d <= 0) return best;
@@ -117,7 +117,7 @@ Distance Finder::find(const Body& a, const Pose& X_WA, const Body& b, const Pose
   if (!b.bounds_) return best;
   Distance back = {.d = best.d};
   find_inside(b, X_WB, a, X_WA, most, back);
-  return back.d < best.d ? Distance{back.d, -back.n, back.p_b, back.p_a} : best;
+  return back.d < best.d ? Distance{back.d, -back.n, back.p_b, back.p_a, back.on_surfaces} : best;
 }
 
 Distance Finder::nearest(const Body& a, const Pose& X_WA, const Body& b, const Pose& X_WB, double most, std::uint32_t group) {
@@ -138,9 +138,10 @@ Distance Finder::nearest(const Body& a, const Pose& X_WA, const Body& b, const P
       if (a.closed_[i] != Body::Closed::kNo) piece_a = &a.prisms_[i];
       if (b.closed_[j] != Body::Closed::kNo) piece_b = &b.prisms_[j];
       found = measure();
+      found.on_surfaces = false;
     }
     if (found.d > most || !(found.d < best.d)) return;
-    best = {found.d, found.n, found.p_a + origin, found.p_b + origin};
+    best = {found.d, found.n, found.p_a + origin, found.p_b + origin, found.on_surfaces};
     most = found.d;
   };
   for (const std::uint32_t i : a.planes_) {

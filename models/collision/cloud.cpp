@@ -53,11 +53,12 @@ Distance Finder::nearest_point(const Body& a, const Pose& X_CA, const Body& clou
       const Vector3d p = cloud.points_->cloud().points[k].cast<double>();
       if (middle.gap + middle.n.dot(p - below.middle) - grown > enough()) continue;
       Separation s = of_point(surface, p, enough() + grown);
-      if (solid && s.gap - grown <= 0) s = of_point(placed(a.prisms_[i]), p);
+      const bool behind = solid && s.gap - grown <= 0;
+      if (behind) s = of_point(placed(a.prisms_[i]), p);
       const double d = s.gap - grown;
       if (d > most || !(d < best.d)) continue;
       const Vector3d p_b = p - cloud.ball_ * s.n;
-      best = {d, s.n, p_b - d * s.n, p_b};
+      best = {d, s.n, p_b - d * s.n, p_b, !behind};
       most = d;
     }
     return true;
@@ -105,7 +106,7 @@ Distance Finder::from_cloud(const Body& a, const Pose& X_WA, const Body& cloud, 
   Distance best = nearest_point(a, X_CA, cloud, 0, most, false);
   if (a.bounds_) find_points_inside(a, X_CA, cloud, 0, std::min(best.d, most) + cloud.ball_, most, best);
   const auto in_W = [&](const Vector3d& p) { return Vector3d(X_WC.p + X_WC.R * (origin + p)); };
-  return {best.d, X_WC.R * best.n, in_W(best.p_a), in_W(best.p_b)};
+  return {best.d, X_WC.R * best.n, in_W(best.p_a), in_W(best.p_b), best.on_surfaces};
 }
 
 void Finder::find_near(const Body& body, const Pose& X_WB, const Body& cloud, const Pose& X_WC, double most,

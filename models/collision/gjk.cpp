@@ -12,8 +12,6 @@ namespace {
 
 using Eigen::Vector3d;
 
-double size_of(const Placed& a, const Placed& b) { return a.convex->extent.norm() + b.convex->extent.norm(); }
-
 /// The points of a simplex in the Minkowski difference b − a, and the one of them that is nearest to the origin.
 class Simplex {
  public:
@@ -97,18 +95,20 @@ class Simplex {
 
 /// gjk(), with the simplex in which it ends.
 Separation search(const Placed& a, const Placed& b, const Vector3d& n, double enough, double& upper, Simplex& simplex) {
-  constexpr double kRounding = 1e-15;  // of the size
+  constexpr double kRounding = 1e-15, kSame = 1e-12, kFar = 1e-9;  // of the size, of the distance
   constexpr int kMost = 100;
   const double size = size_of(a, b), rounding = kRounding * size;
   Separation best;
   best.gap = -scene::kInfinity;
   upper = scene::kInfinity;
   Vector3d direction = n;
+  double gap = 0;
   for (int round = 0; round < kMost; ++round) {
     const Vector3d on_b = support(b, -direction), w = on_b - support(a, direction);
-    const double gap = direction.dot(w);
+    gap = direction.dot(w);
     if (gap > best.gap) best.n = direction, best.gap = gap;
-    if (best.gap > enough || upper - best.gap <= rounding || !simplex.add(w, on_b)) break;
+    if (best.gap > enough) return best;
+    if (upper - best.gap <= rounding || !simplex.add(w, on_b)) break;
     const bool outside = simplex.reduce();
     const double length = simplex.nearest().norm();
     if (!outside || length <= 10 * rounding) {
@@ -120,6 +120,8 @@ Separation search(const Placed& a, const Placed& b, const Vector3d& n, double en
     direction = simplex.nearest() / length;
     best.p_b = simplex.on_b();
   }
+  // The gap hardly tells directions apart: that of the two points is theirs.
+  if (upper > 0 && upper - best.gap <= kSame * size && upper - gap <= std::max(kSame * size, kFar * upper)) best.n = direction;
   return best;
 }
 

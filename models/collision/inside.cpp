@@ -115,7 +115,7 @@ void Finder::find_inside(const Body& a, const Pose& X_WA, const Body& b, const P
       const Placed placed{&own, X_WB.R * own.X_BC.R, X_WB * own.X_BC.p};
       depth = std::max(depth, (support(placed, found.n) - found.p_a).dot(found.n) + own.round);
     }
-    if (-depth <= most && -depth < best.d) best = {-depth, -found.n, found.p_a, found.p_a + depth * found.n};
+    if (-depth <= most && -depth < best.d) best = {-depth, -found.n, found.p_a, found.p_a + depth * found.n, false};
   }
 }
 

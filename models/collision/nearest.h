@@ -10,12 +10,14 @@ namespace cotwin::collision {
 struct Distance {
   double d = scene::kInfinity;                   // m; negative: they overlap, and moving b by -d n separates them
   Eigen::Vector3d n = Eigen::Vector3d::UnitZ();  // unit
-  Eigen::Vector3d p_a = Eigen::Vector3d::Zero(), p_b = Eigen::Vector3d::Zero();  // on the surfaces, p_b = p_a + d n
+  Eigen::Vector3d p_a = Eigen::Vector3d::Zero(), p_b = Eigen::Vector3d::Zero();  // p_b = p_a + d n
+  bool on_surfaces = true;  // p_a and p_b are; not of what overlaps with the solid behind a closed mesh
 };
 
 /// The signed distance of two shapes, in the frame of their poses. Separated ones: spheres, capsules and boxes to rounding, others to 1e-9 of their size
-/// (slender hulls to 1e-7), points of curved surfaces to 1e-6. Depths of spheres, and of polytopes with fewer than 4000 pairs of edges, are the
-/// least; others are the least that was found. Two planes have the distance infinity. `scratch` has room for the corners of a face.
+/// (slender hulls to 1e-7). Points are on the surfaces to 1e-9 of the size, a few of cylinders and ellipsoids that overlap only to 1e-6. Depths of
+/// spheres, of capsules, and of polytopes with fewer than 4000 pairs of edges, are the least; others are the least that is found from 100 directions: of
+/// 1000 pairs one may be too deep, by less than 1 %. Finite, but of two planes infinity. `scratch` has room for the corners of a face.
 /// Neither is a height field. Allocates nothing.
 /// If the distance is more than `most`, the result may be a lower bound above it instead, with points that are not the nearest.
 Distance distance(const Placed& a, const Placed& b, Feature& scratch, double most = scene::kInfinity);

@@ -44,27 +44,32 @@ Separation from_cylinder(const Convex& c, const Vector3d& p) {
 }
 
 /// The nearest point of an ellipsoid has p_i r_i² / (r_i² + t): t by bisection, as the sum of (p_i r_i / (r_i² + t))² − 1
-/// decreases from t = −min r² (Eberly, "Distance from a point to an ellipse, an ellipsoid, or a hyperellipsoid").
+/// decreases from t = −min r² (Eberly, "Distance from a point to an ellipse, an ellipsoid, or a hyperellipsoid"). Here t + min r²
+/// is sought. It is 0 for a point on the longer axes inside: the nearest points are then symmetric, and one of them is taken.
 Separation from_ellipsoid(const Convex& c, const Vector3d& p) {
-  const Vector3d square = c.extent.cwiseAbs2();
+  const Vector3d square = c.extent.cwiseAbs2(), scaled = p.cwiseProduct(c.extent).cwiseAbs();
   Eigen::Index shortest = 0;
-  const double least = square.minCoeff(&shortest);
-  const auto excess = [&](double t) { return (p.cwiseProduct(c.extent).array() / (square.array() + t)).square().sum() - 1; };
-  double low = -least + std::abs(p[shortest]) * c.extent[shortest], high = -least + p.cwiseProduct(c.extent).norm();
-  for (int k = 0; k < 200 && low < high; ++k) {
+  for (Eigen::Index i = 1; i < 3; ++i) {
+    if (square[i] < square[shortest] || (square[i] == square[shortest] && scaled[i] > scaled[shortest])) shortest = i;
+  }
+  const Vector3d longer = square.array() - square[shortest];
+  const auto excess = [&](double s) { return scaled.cwiseQuotient((longer.array() + s).matrix()).squaredNorm() - 1; };
+  constexpr double kLimit = 1e-300;
+  const bool symmetric = scaled[shortest] == 0 && excess(kLimit) <= 0;
+  double low = scaled[shortest], high = symmetric ? kLimit : scaled.norm();
+  while (!symmetric && low < high) {
     const double middle = (low + high) / 2;
     if (middle == low || middle == high) break;
     (excess(middle) > 0 ? low : high) = middle;
   }
-  const double t = (low + high) / 2;
-  Vector3d nearest = p;
-  double rest = 1;  // left for the shortest axis, where the division may be 0 / 0
+  Vector3d nearest = Vector3d::Zero();
   for (Eigen::Index i = 0; i < 3; ++i) {
-    if (i == shortest) continue;
-    nearest[i] = p[i] * square[i] / (square[i] + t);
-    rest -= nearest[i] * nearest[i] / square[i];
+    if (p[i] != 0) nearest[i] = p[i] * square[i] / (longer[i] + high);
   }
-  nearest[shortest] = std::copysign(c.extent[shortest] * std::sqrt(std::max(rest, 0.0)), p[shortest]);
+  if (symmetric) {
+    const double rest = 1 - nearest.cwiseQuotient(c.extent).squaredNorm();
+    nearest[shortest] = c.extent[shortest] * std::sqrt(std::max(rest, 0.0));
+  }
   const Vector3d n = nearest.cwiseQuotient(square).normalized();
   return {n, n.dot(p - nearest), p};
 }
@@ -230,7 +235,11 @@ Separation along_axes(const Placed& a, const Placed& b, double margin) {
   if (other.gap > best.gap) best.n = -(b.R * other.n), best.gap = other.gap;
   if (best.gap > margin) return best;
   other = over_edges(A, B, R_AB, t_A, margin);
-  if (other.gap > best.gap) best.n = a.R * other.n, best.gap = other.gap;
+  if (other.gap <= best.gap) return best;
+  other.n = a.R * other.n;
+  // Short edges may not fit the planes of merged faces.
+  other.gap = std::min(other.gap, gap_along(a, b, other.n));
+  if (other.gap > best.gap) best = other;
   return best;
 }
 
@@ -245,7 +254,11 @@ Separation between_segments(const Vector3d& p_a, const Vector3d& d_a, double hal
   double s = std::clamp(turn * t - wb, -half_b, half_b);
   t = std::clamp(wa + turn * s, -half_a, half_a);
   s = std::clamp(turn * t - wb, -half_b, half_b);
-  return towards(p_a + t * d_a, p_b + s * d_b, unit(across, d_a.unitOrthogonal()));
+  const Vector3d crossing = unit(across, d_a.unitOrthogonal());
+  Separation apart = towards(p_a + t * d_a, p_b + s * d_b, crossing);
+  constexpr double kCrossed = 1e-13;  // of the lengths: their difference is rounding
+  if (apart.gap <= kCrossed * (half_a + half_b)) apart.n = crossing;
+  return apart;
 }
 
 double gap_along(const Placed& a, const Placed& b, const Vector3d& n) { return n.dot(support(b, -n) - support(a, n)); }

@@ -350,5 +350,40 @@ TEST(RoundShapes, ABoxThatTipsOverItsEdgeKeepsTheEdgeWhereItIs) {
   EXPECT_NEAR(w.energy(), start, 1e-4 * start);
 }
 
+// A cube of 0.4 m as a mesh of a grid, turned, with six decimals: slivers along its edges let through what fell on it.
+TEST(RoundShapes, RestOnMeshesWithSlivers) {
+  std::mt19937_64 engine(1);
+  const auto real = [&](double low, double high) { return low + (high - low) * static_cast<double>(engine() >> 11) * 0x1p-53; };
+  for (int mesh = 0; mesh < 20; ++mesh) {
+    const Matrix3d R = Eigen::Quaterniond(real(-1, 1), real(-1, 1), real(-1, 1), real(-1, 1)).normalized().toRotationMatrix();
+    scene::Shape hull;
+    hull.type = ShapeType::kHull;
+    hull.material.mu = 0.5;
+    for (int k = 0; k < 125; ++k) {
+      const Vector3d p = 0.1 * (Vector3d(k % 5, k / 5 % 5, k / 25) - Vector3d::Constant(2));
+      hull.vertices.push_back((R * p * 1e6).array().round() / 1e6);
+    }
+    scene::Body cube;
+    cube.motion = scene::Motion::kStatic;
+    cube.name = "cube";
+    cube.shapes = {hull};
+    for (const ShapeType type : {ShapeType::kSphere, ShapeType::kBox, ShapeType::kCapsule}) {
+      constexpr double kHalf = 0.03;  // m
+      const double edge = type == ShapeType::kBox ? 2 * kHalf : kHalf;
+      const Vector3d size(edge, 2 * kHalf, edge);
+      scene::Scene scene;
+      scene.bodies = {cube, body_of(type, size, {real(-0.15, 0.15), real(-0.15, 0.15), 0.45}, Matrix3d::Identity(), 0.5)};
+      World w = world(scene);
+      for (int k = 0; k < 250; ++k) {
+        w.step(2e-3);
+        // Its middle against the cube itself.
+        const Vector3d beyond = (R.transpose() * w.poses()[1].p).cwiseAbs() - Vector3d::Constant(0.2);
+        const double apart = beyond.maxCoeff() > 0 ? beyond.cwiseMax(0).norm() : -1;
+        ASSERT_GT(apart, kHalf - 1e-3) << "mesh " << mesh << " at " << w.poses()[1].p.transpose();
+      }
+    }
+  }
+}
+
 }  // namespace
 }  // namespace cotwin::contact_world::round_test
