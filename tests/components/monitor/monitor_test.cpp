@@ -45,6 +45,7 @@ TEST_F(Slides, HaveTheDistanceOfTheBallFromThePlate) {
   EXPECT_LT((unit.vector("p_a") - Vector3d(1.1, 0, 0)).norm(), 1e-12);
   EXPECT_LT((unit.vector("p_b") - Vector3d(2.9995, 0, 0)).norm(), 1e-12);
   EXPECT_LT((unit.vector("normal") - Vector3d::UnitX()).norm(), 1e-12);
+  EXPECT_EQ(unit.integer("points_known"), 1);
   EXPECT_EQ(unit.integer("pair", 0), 3);  // plate, rail, ball
   EXPECT_EQ(unit.integer("pair", 1), 1);
   EXPECT_NEAR(unit.real("self_distance"), 0.4 - 0.15, 1e-12);  // ball and hand are no neighbours
@@ -77,6 +78,37 @@ TEST_F(Slides, PassNoThinPlateBetweenTwoInstants) {
   unit.set("q", std::vector<double>{3 - 0.0005 - 0.1 - 1e-9, 0, 0});
   unit.step(1e-3);
   EXPECT_GT(unit.real("least_distance"), 0);
+}
+
+// An L of triangles, whose lower bar is 4 m along x and 1 m along y.
+TEST_F(Slides, KnowNoPointsWithinAClosedMesh) {
+  std::string obj;
+  for (const char* z : {"-1", "1"}) {
+    for (const char* xy : {"0 0", "4 0", "4 1", "1 1", "1 4", "0 4"}) obj += std::string("v ") + xy + " " + z + "\n";
+  }
+  obj += "f 4 2 1\nf 4 3 2\nf 4 1 6\nf 5 4 6\nf 7 8 10\nf 8 9 10\nf 12 7 10\nf 12 10 11\n";
+  for (int k = 1; k <= 6; ++k) {
+    const std::string from = std::to_string(k), to = std::to_string(k % 6 + 1);
+    const std::string above = std::to_string(k + 6), above_to = std::to_string(k % 6 + 7);
+    obj += "f " + from + " " + to + " " + above_to + "\nf " + from + " " + above_to + " " + above + "\n";
+  }
+  folder_.write("bar.obj", obj);
+  folder_.write("bar.sdf",
+                "<sdf version=\"1.11\"><world name=\"w\"><model name=\"bar\"><static>true</static><pose>-1 -0.5 0 0 0 0</pose>"
+                "<link name=\"l\"><collision name=\"c\"><geometry><mesh><uri>bar.obj</uri></mesh></geometry></collision></link>"
+                "</model></world></sdf>");
+  UnitSubject unit = monitor("robot=@slide.urdf&scene=@bar.sdf&ignore=hand:bar");
+  unit.set("q", std::vector<double>{3.4, 0, 0});
+  unit.initialise();
+  EXPECT_NEAR(unit.real("distance"), 0.3, 1e-12);
+  EXPECT_EQ(unit.integer("points_known"), 1);
+  for (const double q : {2.95, 1.0}) {
+    unit.set("q", std::vector<double>{q, 0, 0});
+    unit.step(1e-3);
+    EXPECT_LT(unit.real("distance"), 0) << q;
+    EXPECT_EQ(unit.integer("points_known"), 0) << q;
+  }
+  EXPECT_NEAR(unit.real("distance"), -0.6, 1e-12);
 }
 
 // The ball passes an obstacle beside its way, which moves itself.
