@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <span>
 
 #include "models/collision/gjk.h"
 
@@ -35,9 +36,10 @@ Separation with_points(const Placed& a, const Placed& b, const Separation& start
     const Vector3d shift = s.n * (apart - s.gap);
     double upper = 0;
     const Separation found = gjk(a, {b.convex, b.R, b.p + shift}, s.n, scene::kInfinity, upper);
-    for (const Vector3d& p_b : {support(b, -s.n), Vector3d(support(a, s.n) + s.gap * s.n), Vector3d(found.p_b - shift)}) {
+    for (const Vector3d& p_b : {Vector3d(found.p_b - shift), support(b, -s.n), Vector3d(support(a, s.n) + s.gap * s.n)}) {
       const double off = std::max(std::abs(of_point(a, p_b - s.gap * s.n).gap), std::abs(of_point(b, p_b).gap));
       if (off < least) least = off, best = {s.n, s.gap, p_b};
+      if (least <= kOn * size) break;
     }
     s = {found.n, gap_along(a, b, found.n), {}};
     if (s.gap < start.gap - kNear * size) break;
@@ -107,7 +109,8 @@ Separation deepest(const Placed& a, const Placed& b, const Separation& start, Fe
     }
     if (s.gap > starts[place].gap) starts[place] = s;
   };
-  for (int i = 0; i < 3; ++i) {
+  const bool flat = a.convex->core == Core::kPolytope && b.convex->core == Core::kPolytope;  // best_guess() tries all faces
+  for (int i = 0; i < 3 && !flat; ++i) {
     for (const double side : {-1.0, 1.0}) {
       consider(side * a.R.col(i));
       consider(side * b.R.col(i));
@@ -119,14 +122,14 @@ Separation deepest(const Placed& a, const Placed& b, const Separation& start, Fe
     if (piece->convex->core != Core::kSegment && piece->convex->core != Core::kCylinder) continue;
     for (int k = 0; k < kDirections / 4; ++k) consider(piece->R * Vector3d(std::cos(kTurn * k), std::sin(kTurn * k), 0));
   }
-  for (int k = 0; k < kDirections; ++k) {  // on a spiral
+  for (int k = 0; k < kDirections && !flat; ++k) {  // on a spiral
     const double z = 1 - (2 * k + 1.0) / kDirections, r = std::sqrt(1 - z * z), turn = kTurn * k;
     consider({r * std::cos(turn), r * std::sin(turn), z});
   }
   starts[kStarts] = best_guess(a, b, scene::kInfinity);
   starts[kStarts + 1] = expand(a, b, start);
   Separation best = start;
-  for (const Separation& one : starts) {
+  for (const Separation& one : std::span(starts).subspan(flat ? kStarts : 0)) {
     bool certain = false;
     const Separation found = refine(a, b, climb(a, b, ascend(a, b, one)), certain, scratch);
     if (found.gap > best.gap) best = found;

@@ -245,12 +245,15 @@ Geometry read_geometry(const xml::Element& geometry, bool is_static, const fs::p
     const xml::Element* scale = only(*kind, "scale");
     const xml::Element& uri = required(*kind, "uri");
     const fs::path file = find_file(uri, folder);
+    std::string place = uri.place;
     try {
-      MeshSurface surface = surface_of(load_mesh(file, scale != nullptr ? vector(*scale) : Vector3d::Ones()), is_static);
+      Mesh mesh = load_mesh(file, scale != nullptr ? vector(*scale) : Vector3d::Ones());
+      place += ": " + file.string();
+      MeshSurface surface = surface_of(std::move(mesh), is_static);
       for (const std::string& remark : surface.remarks) warn(uri.place, file.filename().string() + ": " + remark);
       return {std::move(surface.shapes), surface.unit};
     } catch (const Error& e) {
-      throw Error(uri.place, e.what());
+      throw Error(place, e.what());
     }
   } else if (!ours && kind->name == "heightmap") {
     return {{read_heightmap(*kind, is_static, folder, warn)}, {}};
