@@ -41,7 +41,7 @@ Separation with_points(const Placed& a, const Placed& b, const Separation& start
       if (off < least) least = off, best = {s.n, s.gap, p_b};
       if (least <= kOn * size) break;
     }
-    s = {found.n, gap_along(a, b, found.n), {}};
+    s = {found.n, gap_along(a, b, found.n), Vector3d::Zero()};
     if (s.gap < start.gap - kNear * size) break;
   }
   return best;
@@ -97,7 +97,7 @@ Separation deepest(const Placed& a, const Placed& b, const Separation& start, Fe
   const auto consider = [&](const Vector3d& direction) {
     const double length = direction.norm();
     if (!(length > 1e-9)) return;
-    Separation s{direction / length, 0, {}};
+    Separation s{direction / length, 0, Vector3d::Zero()};
     s.gap = gap_along(a, b, s.n);
     // In the place of the worst one, or of one that is near to it.
     std::size_t place = 0;
