@@ -15,7 +15,7 @@ struct Distance {
 };
 
 /// The signed distance of two shapes, in the frame of their poses. Separated ones: spheres, capsules and boxes to rounding, others to 1e-9 of their size
-/// (slender hulls to 1e-7). Points are on the surfaces to 1e-9 of the size, a few of cylinders and ellipsoids that overlap only to 1e-6. Depths of
+/// (slender hulls to 1e-7). Points are on the surfaces to 1e-9 of the size, of 1000 pairs one only to 2e-8, and to 1e-6 if cylinders or ellipsoids overlap. Depths of
 /// spheres, of capsules, and of polytopes with fewer than 4000 pairs of edges, are the least; others are the least that is found from 100 directions: of
 /// 1000 pairs one may be too deep, by less than 1 %. Finite, but of two planes infinity. `scratch` has room for the corners of a face.
 /// Neither is a height field. Allocates nothing.

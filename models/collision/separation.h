@@ -21,7 +21,7 @@ Separation of_point(const Placed& piece, const Eigen::Vector3d& p, double enough
 /// gap above `margin`.
 Separation along_axes(const Placed& a, const Placed& b, double margin);
 
-/// Distance of the segments p ± half d of unit directions d, with p_b. Where they cross, n is d_a × d_b.
+/// Distance of the segments p ± half d of unit directions d, with p_b. Where they cross, n is d_a × d_b, but of nearly parallel ones rounding.
 Separation between_segments(const Eigen::Vector3d& p_a, const Eigen::Vector3d& d_a, double half_a, const Eigen::Vector3d& p_b,
                             const Eigen::Vector3d& d_b, double half_b);
 
