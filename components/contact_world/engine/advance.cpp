@@ -31,8 +31,8 @@ constexpr double kDeeper = 0.25, kDeepest = 2e-4;  // m
 constexpr int kSteps = 200, kExactSteps = 50;
 constexpr double kLeastShare = 0.02;
 
-/// Rounds in which a body that stops can change the impacts of others.
-constexpr int kRounds = 10;
+/// Most relative motion of two near bodies, over the sum of their own |v| + |w| r.
+constexpr double kMotionOfPair = 3;
 
 using Piece = collision::Detector::Piece;
 
@@ -64,14 +64,17 @@ double speed_along(const RigidBody& body, const Vector3d& n, double reach, doubl
   return n.dot(body.v) + turning;
 }
 
+/// What moves on with a body that it meets: all bodies go with those that stand, free ones with all others.
+int rank(const RigidBody& body, bool linked) {
+  if (body.motion == scene::Motion::kStatic) return 3;
+  if (body.motion == scene::Motion::kDriven) return 2;
+  return linked ? 1 : 0;
+}
+
 }  // namespace
 
 Advance::Advance(std::span<const RigidBody> bodies, std::span<const char> linked, const collision::Detector& detector)
-    : pieces_(detector.pieces()),
-      detector_(&detector),
-      bodies_(bodies.size()),
-      fast_(bodies.size(), 0),
-      stops_(bodies.size(), 0) {
+    : pieces_(detector.pieces()), detector_(&detector), bodies_(bodies.size()) {
   std::size_t k = 0;
   for (std::size_t b = 0; b < bodies.size(); ++b) {
     Body& body = bodies_[b];
@@ -84,9 +87,10 @@ Advance::Advance(std::span<const RigidBody> bodies, std::span<const char> linked
       least = std::min(least, half_size(convex));
     }
     body.pieces = pieces_.subspan(first, k - first);
+    body.rank = rank(bodies[b], linked[b] != 0 || body.unbounded);
     refit(b, bodies[b]);
-    const bool free = bodies[b].dynamic() && linked[b] == 0 && !body.pieces.empty() && !body.unbounded;
-    body.limit = free ? std::clamp(kShareOfSize * least, kLeastMotion, kMostMotion) : kInfinity;
+    body.limit = body.rank > 0 ? kMostMotion : std::clamp(kShareOfSize * least, kLeastMotion, kMostMotion);
+    ways_.push_back({.start = bodies[b]});
   }
 }
 
@@ -96,78 +100,164 @@ void Advance::refit(std::size_t b, const RigidBody& now) {
 }
 
 void Advance::clear() {
-  if (any_) std::fill(fast_.begin(), fast_.end(), 0);
+  if (any_) {
+    for (Body& body : bodies_) body.fast = false;
+  }
   any_ = false;
 }
 
-bool Advance::find_fast(std::span<const RigidBody> bodies, double h) {
+/// Motion in the frame of the other body, m/s; the common twist is no motion. Of the two ways to see it, the one with less motion.
+bool Advance::fast(std::size_t a, const RigidBody& A, std::size_t b, const RigidBody& B, double h) const {
+  if (bodies_[a].rank > 0 && bodies_[b].rank > 0) return false;
+  const double limit =
+      (bodies_[a].rank == 1 || bodies_[b].rank == 1 ? kMostMotion : std::min(bodies_[a].limit, bodies_[b].limit)) / h;
+  const Vector3d r = A.p - B.p, v = A.v - B.v;
+  const double spin = (A.w - B.w).norm();
+  const auto turning = [&](std::size_t k) { return spin > 0 ? spin * bodies_[k].reach : 0; };
+  return (v - B.w.cross(r)).norm() + turning(a) > limit && (v - A.w.cross(r)).norm() + turning(b) > limit;
+}
+
+bool Advance::find_fast(std::span<const RigidBody> bodies, double h, const Vector3d& common) {
+  double most[2] = {0, 0};
   for (std::size_t b = 0; b < bodies_.size(); ++b) {
-    const double limit = bodies_[b].limit / h, reach = bodies_[b].reach;
-    // |v| + |w| r ≤ √2 √(v² + w² r²): most bodies need no square root.
-    const double v2 = bodies[b].v.squaredNorm(), w2 = bodies[b].w.squaredNorm();
-    if (!(2 * (v2 + w2 * reach * reach) > limit * limit)) continue;
-    if (!(std::sqrt(v2) + std::sqrt(w2) * reach > limit)) continue;
-    fast_[b] = 1;
-    any_ = true;
+    Body& body = bodies_[b];
+    if (body.pieces.empty()) continue;
+    body.speed = (bodies[b].v - common).norm() + (body.unbounded ? 0 : bodies[b].w.norm() * bodies[b].radius);
+    if (body.speed > most[1]) most[1] = std::min(most[0], body.speed), most[0] = std::max(most[0], body.speed);
+  }
+  if (kMotionOfPair * h * (most[0] + most[1]) <= kLeastMotion) return any_;
+  for (std::size_t a = 0; a < bodies_.size(); ++a) {
+    Body& body = bodies_[a];
+    if (body.rank > 0 || body.fast || body.pieces.empty()) continue;
+    for (std::size_t b = 0; b < bodies_.size() && !body.fast; ++b) {
+      const Body& other = bodies_[b];
+      if (b == a || other.pieces.empty() || kMotionOfPair * h * (body.speed + other.speed) <= kLeastMotion) continue;
+      const double way = bodies[a].radius + bodies[b].radius + h * (body.speed + other.speed);
+      if (!other.unbounded && (bodies[a].p - bodies[b].p).squaredNorm() > way * way) continue;
+      if (!fast(a, bodies[a], b, bodies[b], h) || detector_->ignores(static_cast<int>(a), static_cast<int>(b))) continue;
+      body.fast = any_ = true;
+    }
   }
   return any_;
 }
 
-void Advance::find_stops(std::span<const RigidBody> bodies, double h, double near) {
-  std::fill(stops_.begin(), stops_.end(), h);
-  bool changed = true;
-  for (int round = 0; changed && round < kRounds; ++round) {
-    changed = false;
+void Advance::sweep(double h, double near) {
+  for (std::size_t a = 0; a < bodies_.size(); ++a) find_next(a, a, 0, h, near);
+  for (;;) {
+    std::size_t first = 0;
+    for (std::size_t a = 1; a < bodies_.size(); ++a) {
+      if (ways_[a].meets < ways_[first].meets) first = a;
+    }
+    const double t = ways_[first].meets;
+    if (!(t < h)) return;
+    join(first, ways_[first].with, t, h);
     for (std::size_t a = 0; a < bodies_.size(); ++a) {
-      if (fast_[a] == 0) continue;
-      for (std::size_t b = 0; b < bodies_.size(); ++b) {
-        const bool both = fast_[b] != 0;
-        if (b == a || (both && b < a) || (!both && round > 0) || bodies_[b].pieces.empty()) continue;
-        const double t = time_of_impact(bodies, a, b, h, near);
-        if (both && t < std::max(stops_[a], stops_[b])) {
-          changed = changed || t < stops_[a] || t < stops_[b];
-          stops_[b] = std::min(stops_[b], t);
-        }
-        stops_[a] = std::min(stops_[a], t);
-      }
+      if (ways_[a].group == ways_[first].group || ways_[ways_[a].with].group == ways_[first].group) find_next(a, 0, t, h, near);
     }
   }
 }
 
-/// Infinite if the bodies do not meet before both stop.
-double Advance::time_of_impact(std::span<const RigidBody> bodies, std::size_t a, std::size_t b, double h, double near) {
-  const RigidBody &A = bodies[a], &B = bodies[b];
-  const double stop_a = stops_[a], stop_b = fast_[b] != 0 ? stops_[b] : 0;
-  const Vector3d displacement = stop_a * A.v;
-  const double motion = stop_b > 0 ? stop_b * B.v.norm() : 0;
-  if (!bodies_[b].unbounded && distance_from_segment(B.p, A.p, displacement) > A.radius + B.radius + motion) return kInfinity;
+/// Lets all that moves on with a and b move on together from t: with the body of the highest rank that they have met, or else with the velocity of
+/// their centre of mass.
+void Advance::join(std::size_t a, std::size_t b, double t, double h) {
+  const auto carrier = [&](std::size_t k) { return bodies_[k].rank > 0 ? static_cast<int>(k) : ways_[k].on; };
+  const auto higher = [&](int one, int other) {
+    return one < 0 || (other >= 0 && bodies_[index(other)].rank > bodies_[index(one)].rank) ? other : one;
+  };
+  const int on = higher(carrier(a), carrier(b));
+  const std::size_t groups[2] = {ways_[a].group, ways_[b].group};
+  double mass = 0;
+  Vector3d momentum = Vector3d::Zero();
+  const auto each = [&](const auto& f) {
+    for (std::size_t k = 0; k < bodies_.size(); ++k) {
+      if (bodies_[k].rank == 0 && (ways_[k].group == groups[0] || ways_[k].group == groups[1])) f(ways_[k], bodies_[k]);
+    }
+  };
+  each([&](Way& way, Body& body) {
+    way.start.drift(t - way.from);
+    way.from = t;
+    way.group = groups[bodies_[a].rank == 0 ? 0 : 1];
+    if (on >= 0 && way.on < 0) way.rides = h - t;
+    way.on = on;
+    body.fast = true;
+    mass += way.start.mass;
+    momentum += way.start.mass * way.start.v;
+  });
+  Vector3d v = momentum / mass;
+  RigidBody then = ways_[on < 0 ? a : index(on)].start, end = then;
+  if (on >= 0) {
+    then.drift(t);
+    end.drift(h);
+  }
+  each([&](Way& way, Body&) {
+    const Vector3d r = way.start.p - then.p;
+    if (on >= 0) v = (end.p + end.R * (then.R.transpose() * r) - then.p - r) / (h - t);
+    way.start.v = v;
+    way.start.w.setZero();
+    way.start.L.setZero();
+  });
+}
+
+/// The next impact of a body after t. With fast bodies before the `least` one it is known.
+void Advance::find_next(std::size_t a, std::size_t least, double t, double h, double near) {
+  Way& way = ways_[a];
+  way.meets = kInfinity;
+  way.with = a;
+  if (!bodies_[a].fast) return;
+  for (std::size_t b = 0; b < bodies_.size(); ++b) {
+    if (b == a || bodies_[b].pieces.empty()) continue;
+    const bool parts = bodies_[b].rank == 0;
+    if (parts && (ways_[b].group == way.group || (bodies_[b].fast && b < least))) continue;
+    const int on = parts ? ways_[b].on : static_cast<int>(b);
+    if (way.on >= 0 && on >= 0 &&
+        (parts ? bodies_[index(on)].rank == bodies_[index(way.on)].rank
+               : bodies_[index(on)].rank <= bodies_[index(way.on)].rank))
+      continue;
+    const double meets = time_of_impact(a, b, t, std::min(h, way.meets), h, near);
+    if (meets < way.meets) way.meets = meets, way.with = b;
+  }
+}
+
+RigidBody Advance::at(std::size_t b, double t) const {
+  RigidBody body = ways_[b].start;
+  body.drift(t - ways_[b].from);
+  return body;
+}
+
+/// Infinite if the bodies do not meet from `start` until `end`.
+double Advance::time_of_impact(std::size_t a, std::size_t b, double start, double end, double h, double near) {
+  const RigidBody A = at(a, start), B = at(b, start);
+  const double duration = end - start;
+  const Vector3d displacement = duration * (A.v - B.v);
+  if (!bodies_[b].unbounded && distance_from_segment(B.p, A.p, displacement) > A.radius + B.radius) return kInfinity;
   if (detector_->ignores(static_cast<int>(a), static_cast<int>(b))) return kInfinity;
-  double end = std::max(stop_a, stop_b);
+  const bool slow = !fast(a, A, b, B, h);
   double first = kInfinity;
   for (const Piece& of_b : bodies_[b].pieces) {
+    double t = kInfinity;
     if (of_b.convex.core == Core::kHeights) {
-      const double t = time_of_impact(A, bodies_[a], B, of_b, end, near);
-      if (t < end) first = end = t;
-      continue;
+      t = start + time_of_impact(A, bodies_[a], B, of_b, end - start, near, slow);
+    } else {
+      const Vector3d offset = B.R * (B.X_PB * of_b.convex.X_BC.p);
+      const double moved = duration * B.w.norm() * offset.norm();
+      const double radius = unbounded(of_b.convex) ? kInfinity : of_b.convex.extent.norm() + of_b.convex.round;
+      if (distance_from_segment(B.p + offset, A.p, displacement) > A.radius + radius + moved) continue;
+      for (const Piece& of_a : bodies_[a].pieces) {
+        t = std::min(t, start + time_of_impact(A, B, of_a, of_b, end - start, near, slow));
+      }
     }
-    const Vector3d offset = B.R * (B.X_PB * of_b.convex.X_BC.p);
-    const double moved = motion + (stop_b > 0 ? h * B.w.norm() * offset.norm() : 0);
-    const double radius = unbounded(of_b.convex) ? kInfinity : of_b.convex.extent.norm() + of_b.convex.round;
-    if (distance_from_segment(B.p + offset, A.p, displacement) > A.radius + radius + moved) continue;
-    for (const Piece& of_a : bodies_[a].pieces) {
-      const double t = time_of_impact(A, B, of_a, of_b, stop_a, stop_b, end, near);
-      if (t < end) first = end = t;
-    }
+    if (t < end) first = end = t;
   }
   return first;
 }
 
-/// Infinite if the body does not meet the ground before `stop_a`. The ground is one surface: a body that touches it somewhere slides
-/// over its seams.
-double Advance::time_of_impact(const RigidBody& a, const Body& pieces_of_a, const RigidBody& b, const Piece& ground,
-                               double stop_a, double near) {
+/// Time from now until the body meets the ground; infinite if it does not before `end`. The ground is one surface: a body that touches it somewhere
+/// slides over its seams.
+double Advance::time_of_impact(const RigidBody& a, const Body& pieces_of_a, const RigidBody& b, const Piece& ground, double end,
+                               double near, bool slow) {
   const Pose X_CW = (Pose{b.R, b.p} * b.X_PB * ground.convex.X_BC).inverse();
-  const Vector3d start = X_CW * a.p, end_of_way = X_CW * Vector3d(a.p + stop_a * a.v), reach = Vector3d::Constant(a.radius);
+  const Vector3d start = X_CW * a.p, end_of_way = X_CW * Vector3d(a.p + end * (a.v - b.v)),
+                 reach = Vector3d::Constant(a.radius);
   const auto for_each = [&](const Vector3d& to, auto&& visit) {
     for (collision::Columns columns(ground.convex, start.cwiseMin(to) - reach, start.cwiseMax(to) + reach); columns.next();) {
       columns.write(column_.convex);
@@ -184,40 +274,38 @@ double Advance::time_of_impact(const RigidBody& a, const Body& pieces_of_a, cons
     touches = true;
     floor = std::min(floor, std::min(d.d, 0.0) - std::min(kDeeper * half_size(of_a.convex), kDeepest));
   });
-  double first = kInfinity, end = stop_a;
+  double first = kInfinity;
   for_each(end_of_way, [&](const Piece& of_a) {
     if (touches && (of_a.soft || ground.soft)) return;
-    const double t = time_of_impact(a, b, of_a, column_, stop_a, 0, end, touches ? -kInfinity : near, floor);
+    const double t = time_of_impact(a, b, of_a, column_, end, touches ? -kInfinity : near, slow, floor);
     if (t < end) first = end = t;
   });
   return first;
 }
 
-double Advance::time_of_impact(const RigidBody& a, const RigidBody& b, const Piece& of_a, const Piece& of_b, double stop_a,
-                               double stop_b, double end, double near, double floor) {
+/// Time from now, likewise.
+double Advance::time_of_impact(const RigidBody& a, const RigidBody& b, const Piece& of_a, const Piece& of_b, double end,
+                               double near, bool slow, double floor) {
   const double least = std::min(half_size(of_a.convex), half_size(of_b.convex));
   const double reach_a = reach_of(a, of_a.convex), reach_b = reach_of(b, of_b.convex);
   double t = 0;
   for (int step = 0; step < kSteps; ++step) {
     RigidBody at_a = a, at_b = b;
-    at_a.drift(std::min(t, stop_a));
-    if (stop_b > 0) at_b.drift(std::min(t, stop_b));
+    at_a.drift(t);
+    at_b.drift(t);
     const Vector3d origin = of_b.convex.core == Core::kPlane ? at_a.p : at_b.p;
     const Distance d = distance(place(at_a, of_a, origin), place(at_b, of_b, origin), scratch_);
     if (step == 0 && d.d <= near) {
-      if (of_a.soft || of_b.soft) return kInfinity;
+      if (slow || of_a.soft || of_b.soft) return kInfinity;
       floor = std::min(d.d, 0.0) - std::min(kDeeper * least, kDeepest);
     }
     if (step > 0 && d.d <= floor + kStop) return t;
-    double closing = 0;
-    if (t < stop_a) closing += speed_along(at_a, d.n, reach_a, stop_a - t);
-    if (t < stop_b) closing += speed_along(at_b, -d.n, reach_b, stop_b - t);
+    const double closing = speed_along(at_a, d.n, reach_a, end - t) +
+                           (b.motion == scene::Motion::kStatic ? 0 : speed_along(at_b, -d.n, reach_b, end - t));
     const double left = d.d - floor - kStop / 2;
-    // Until one of two bodies stops, it can only move away from the other.
-    const double next = t < stop_a && t < stop_b ? std::min(stop_a, stop_b) : end;
     double dt = closing > 0 ? left / closing : kInfinity;
     if (step >= kExactSteps && closing > 0) dt = std::max(dt, kLeastShare * least / closing);
-    t = std::min(t + dt, next);
+    t += dt;
     if (t >= end) return kInfinity;
   }
   return t;

@@ -9,12 +9,12 @@
 
 namespace cotwin::contact_world {
 
-/// Times of impact of fast bodies by conservative advancement [Mirtich 1996]: the time moves on by the distance divided by an upper
-/// bound of the closing speed along the normal, so that it never passes an impact.
+/// Fast bodies move until they meet something, by conservative advancement [Mirtich 1996]: the time moves on by the distance divided by an upper
+/// bound of the closing speed along the normal, so that it never passes an impact. All bodies are on their ways at the same time. What has met
+/// moves on together, without turning.
 ///
-/// A free body is fast if a point of it may move farther in a step than half the least half size of its shapes, but at least
-/// 10 mm, or farther than 50 mm. Bodies with joints and driven bodies are never fast here; they are obstacles at their poses at
-/// the end of the step.
+/// Two bodies are fast if one is free and they may move farther in a step, in the frame of either, than half the least half size of its shapes, but at
+/// least 10 mm, or than 50 mm; with bodies with joints only the latter. Only free bodies are stopped.
 class Advance {
  public:
   Advance() = default;
@@ -24,39 +24,61 @@ class Advance {
   /// To be called after the mass distribution of a body has changed.
   void refit(std::size_t body, const RigidBody& now);
 
-  void clear();                                                 // no body is fast
-  bool find_fast(std::span<const RigidBody> bodies, double h);  // adds those that are; returns whether there are any
+  void clear();  // no body is fast
+  /// Adds the free bodies that are fast against others; returns whether there are any. `common`: velocity that all may have, m/s.
+  bool find_fast(std::span<const RigidBody> bodies, double h, const Vector3d& common);
   bool any() const { return any_; }
-  bool is_fast(std::size_t body) const { return fast_[body] != 0; }
+  bool is_fast(std::size_t body) const { return bodies_[body].fast; }
+  /// Whether these bodies are fast against one another, at the given poses and velocities.
+  bool fast(std::size_t a, const RigidBody& A, std::size_t b, const RigidBody& B, double h) const;
 
-  /// Finds for each fast body the time until which it can move from its present pose without an impact, at most h (s). The other
-  /// bodies are at their poses at the end of the step. Pairs closer than `near` (m) have contact points; they may get deeper by
+  /// To be called for all bodies before sweep(), which adds those to the fast ones that these meet.
+  void set_start(std::size_t body, const RigidBody& start) { ways_[body] = {.start = start, .group = body, .with = body}; }
+  /// Moves the fast bodies over the step. Pairs closer than `near` (m) have contact points, which hold slow ones; fast ones may get deeper by
   /// 0.2 mm, and without limit if they are soft.
-  void find_stops(std::span<const RigidBody> bodies, double h, double near);
-  double stop(std::size_t body) const { return stops_[body]; }
+  void sweep(double h, double near);
+  /// Of a fast body at the end of the step; with its velocities, if it has met nothing.
+  RigidBody end(std::size_t body, double h) const { return at(body, h); }
+  double rides(std::size_t body) const {
+    return ways_[body].rides;
+  }  // time at the end of the step on a body that is not free, s
 
  private:
   using Piece = collision::Detector::Piece;
   struct Body {
     std::span<const Piece> pieces;
     double reach = 0;        // largest distance of their cores from P's origin, m
-    double limit = 0;        // motion in a step beyond which it is fast, m; infinite: never
+    double limit = 0;        // motion in a step beyond which it is fast, m
+    double speed = 0;        // of its points at most, less the common velocity, m/s
     bool unbounded = false;  // has a plane or a height field
+    int rank = 0;            // 0: free, 1: with joints, 2: driven, 3: static
+    bool fast = false;
+  };
+  /// From the time `from` on, s.
+  struct Way {
+    RigidBody start;
+    double from = 0, rides = 0;
+    std::size_t group = 0;  // the same for free bodies that move on together
+    int on = -1;            // the body with a rank above 0 with which they move
+    double meets = 0;       // time of the next impact, s; infinite: none
+    std::size_t with = 0;   // the other body
   };
 
-  double time_of_impact(std::span<const RigidBody> bodies, std::size_t a, std::size_t b, double h, double near);
+  RigidBody at(std::size_t body, double t) const;
+  void find_next(std::size_t a, std::size_t least, double t, double h, double near);
+  void join(std::size_t a, std::size_t b, double t, double h);
+  double time_of_impact(std::size_t a, std::size_t b, double start, double end, double h, double near);
   /// `ground`: a height field on b, which is static.
-  double time_of_impact(const RigidBody& a, const Body& pieces_of_a, const RigidBody& b, const Piece& ground, double stop_a,
-                        double near);
+  double time_of_impact(const RigidBody& a, const Body& pieces_of_a, const RigidBody& b, const Piece& ground, double end,
+                        double near, bool slow);
   /// `floor`: gap at which the pieces meet, if they have no contact points at the start.
-  double time_of_impact(const RigidBody& a, const RigidBody& b, const Piece& of_a, const Piece& of_b, double stop_a,
-                        double stop_b, double end, double near, double floor = 0);
+  double time_of_impact(const RigidBody& a, const RigidBody& b, const Piece& of_a, const Piece& of_b, double end, double near,
+                        bool slow, double floor = 0);
 
   std::span<const Piece> pieces_;
   const collision::Detector* detector_ = nullptr;
   std::vector<Body> bodies_;
-  std::vector<char> fast_;
-  std::vector<double> stops_;
+  std::vector<Way> ways_;
   Piece column_{.convex = collision::make_column()};
   collision::Feature scratch_;
   bool any_ = false;

@@ -122,6 +122,9 @@ void World::Impl::collect_contact(std::size_t t, Stage stage, double h) {
   const Vector3d& n = touch.point.n_W;
   ConeRow row = contact_row(t);
   row.rest = rest_of(touch, h);
+  // Bodies that approach will bounce at the start of the next step, unless only forces press them together.
+  const bool bounces =
+      touch.restitution > 0 && normal_velocity(touch) < -row.rest && n.dot(start_velocity(touch)) < -row.rest / 2;
   if (touch.stiffness < kInfinity) {
     if (!collect_spring(t, row, stage, h)) return;
   } else {
@@ -132,14 +135,11 @@ void World::Impl::collect_contact(std::size_t t, Stage stage, double h) {
       row.target = row.lift;
       if (stage == Stage::kVelocity && options.method != Method::kDantzig) row.lo = std::min(0.0, -n.dot(touch.sum));
     }
-    // Bodies that approach will bounce at the start of the next step, unless only forces press them together.
-    if (touch.restitution > 0 && stage == Stage::kVelocity && normal_velocity(touch) < -row.rest &&
-        n.dot(start_velocity(touch)) < -row.rest / 2)
-      return;
+    if (bounces && stage == Stage::kVelocity) return;
   }
   if (stage == Stage::kPosition && touch.travel.goes_on) {  // the laws hold for the middle of the step
     const Vector3d change = h / 2 * change_along(touch);
-    if (touch.stiffness == kInfinity) row.target -= n.dot(change);
+    if (touch.stiffness == kInfinity && !bounces) row.target -= n.dot(change);
     for (int k = 0; k < 2; ++k) row.slide[k] = -row.d.col(k + 1).dot(change);
   }
   Eigen::Map<Vector3d>(row.x) = row.d.transpose() * touch.impulse;

@@ -162,7 +162,7 @@ Rows::Outcome Rows::pivot(const Island& island, int iterations, double tolerance
     outcome.iterations += pivots;
     outcome.extended = 1;
   }
-  outcome.unsolved = rest > 0 && outcome.residual > rest;
+  outcome.unsolved = unsolved(outcome.residual, tolerance, false, rest);
   outcome.iterations += sweeps;
   const double enough = effort(island, iterations, tolerance, true, rest).tolerance_at_rest;
   hold_if_slips(island, outcome.extended > 0 ? std::min(outcome.residual, enough) : enough, enough, rest, outcome);

@@ -395,9 +395,11 @@ bool Rows::update() {
 
 void Rows::measure(std::span<const RigidBody> bodies) {
   std::fill(z_.begin(), z_.end(), 0.0);
+  double fastest = 0;
   for (std::size_t b = 0; b < bodies.size(); ++b) {
-    if (slice_of_body_[b] < trees_) continue;
     const RigidBody& body = bodies[b];
+    fastest = std::max(fastest, body.v.lpNorm<1>() + body.radius * body.w.lpNorm<1>());
+    if (slice_of_body_[b] < trees_) continue;
     double* z = z_start_.data() + slices_[index(slice_of_body_[b])].offset;
     const Vector3d spin = body.R.transpose() * body.L;
     for (int i = 0; i < 3; ++i) {
@@ -405,6 +407,7 @@ void Rows::measure(std::span<const RigidBody> bodies) {
       z[3 + i] = body.inverse_root_moments[i] * spin[i];
     }
   }
+  rounding_ = kRoundingOfSpeed * fastest;
   for (BoxRow& row : boxes_) {
     if (row.gear >= 0) {
       row.u = 0;

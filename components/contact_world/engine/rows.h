@@ -144,6 +144,7 @@ class Rows {
   /// Residual, relative to the speed of rest, above which small moving islands are pivoted after sweeps, and islands at rest are unsolved; the
   /// latter for long steps, in which bodies creep as far as in short ones, m/s.
   static constexpr double kPoorResidual = 0.05, kPoorCreep = 1e-3;
+  static constexpr double kRoundingOfSpeed = 1e-14;  // of a residual, relative to the fastest point
 
   struct Island {
     std::size_t first_box = 0, end_box = 0, first_cone = 0, end_cone = 0, first_slice = 0, end_slice = 0;
@@ -214,6 +215,7 @@ class Rows {
   };
   double rest_of(const Island& island, double rest) const;
   bool at_rest(const Island& island, double rest) const;
+  bool unsolved(double residual, double tolerance, bool rests, double rest) const;
   Effort effort(const Island& island, int iterations, double tolerance, bool rests, double rest) const;
   Outcome sweep(const Island& island, const Effort& effort, bool accelerate);
   Outcome sweep_only(const Island& island, const Effort& effort);
@@ -248,6 +250,7 @@ class Rows {
   std::vector<int> pairs_;           // pair of bodies of each row of A_
   std::uint64_t version_ = 0;        // of A_
   std::vector<double> diagonal_;     // of A_ without softness
+  double rounding_ = 0;              // of the speeds at measure(), m/s
   bool linear_ = false;              // no contact opened, closed, slipped or began to stick in the last sweep
   bool assembled_ = false;           // A_ belongs to the only island, as prepared
   std::vector<FrictionCone> friction_;

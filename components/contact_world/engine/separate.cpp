@@ -73,7 +73,8 @@ void World::Impl::mark_too_deep() {
 
 /// The position stage predicts the gaps linearly. Where bodies turn fast or touch along a new feature, they end the step deeper
 /// than at its start. This function moves free bodies apart, without friction, by the least displacement in the metric of their
-/// masses that leaves no pair deeper than it was. Velocities are not changed, so that no energy but that of the height is added.
+/// masses that leaves no pair deeper than it was. Velocities are not changed, so that no energy but that of the height is added. Nor are they
+/// turned: that would change the energy of their rotation or their angular momentum.
 /// Bodies with joints stay where they are, and so do bodies that are not near a pair that is too deep.
 void World::Impl::separate(double h) {
   if (!allow_depths(0)) return;
@@ -108,24 +109,20 @@ bool World::Impl::move_apart(double h) {
   if (rows.empty()) return false;
   for (std::size_t b = 0; b < bodies.size(); ++b) {
     if (shifted[b] == 0) continue;
-    RigidBody& body = bodies[b];
-    motions[b] = {body.v, body.L};
+    RigidBody& body = pushed[b] = bodies[b];
     body.v.setZero();
     body.w.setZero();
-    body.L.setZero();
+    body.inverse_moments.setZero();
+    body.inverse_root_moments.setZero();
   }
-  rows.prepare(bodies, forest);
-  rows.measure(bodies);
+  rows.prepare(pushed, forest);
+  rows.measure(pushed);
   rows.sweep(options.iterations, kAccuracy / h, 0);
-  rows.apply(bodies, forest);
+  rows.apply(pushed, forest);
   for (std::size_t b = 0; b < bodies.size(); ++b) {
     if (shifted[b] == 0) continue;
-    RigidBody& body = bodies[b];
-    body.drift(h);
-    body.v = motions[b].v;
-    body.L = motions[b].L;
-    body.update_spin();
-    poses[b] = body.pose();
+    bodies[b].p += h * pushed[b].v;
+    poses[b] = bodies[b].pose();
   }
   detector.update(poses, margin, shifted);
   update_points();

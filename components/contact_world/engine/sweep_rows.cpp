@@ -354,6 +354,12 @@ bool Rows::at_rest(const Island& island, double rest) const {
   return true;
 }
 
+/// Whether the residual is larger than the tolerance, what rounding of the speeds explains, and what contacts at rest, or others, may have.
+bool Rows::unsolved(double residual, double tolerance, bool rests, double rest) const {
+  const double most = rests ? std::min(kPoorResidual * rest, kPoorCreep) : rest;
+  return rest > 0 && residual > std::max({tolerance, rounding_, most});
+}
+
 /// More sweeps for islands at rest and for those without contacts.
 Rows::Effort Rows::effort(const Island& island, int iterations, double tolerance, bool rests, double rest) const {
   Effort effort{iterations, iterations, tolerance, std::max(tolerance, std::min(kConvergedAtRest * rest, kConvergedCreep))};
@@ -394,7 +400,7 @@ Rows::Outcome Rows::sweep_or_pivot(const Island& island, int iterations, double 
   Effort some = most;
   some.most = std::min(most.most, kFactorBeforePivots * iterations);
   Outcome outcome = sweep_only(island, some);
-  outcome.unsolved = rest > 0 && outcome.residual > (rests ? std::min(kPoorResidual * rest, kPoorCreep) : rest);
+  outcome.unsolved = unsolved(outcome.residual, tolerance, rests, rest);
   const bool more = most.most > some.most, exact = allowed == Residual::kNone;
   double enough = most.tolerance_at_rest;
   if (!more) enough = exact ? std::max(tolerance, kExactResidual * rest) : kPoorResidual * rest;
@@ -420,7 +426,7 @@ Rows::Outcome Rows::sweep_or_pivot(const Island& island, int iterations, double 
   }
   outcome.iterations += sweeps;
   outcome.extended = 1;
-  outcome.unsolved = rest > 0 && outcome.residual > (rests ? std::min(kPoorResidual * rest, kPoorCreep) : rest);
+  outcome.unsolved = unsolved(outcome.residual, tolerance, rests, rest);
   return outcome;
 }
 

@@ -77,7 +77,7 @@ World::Impl::Impl(scene::Scene the_scene, Options the_options)
   advance = Advance(bodies, is_linked, detector);
   check_gears();
   open_accounts();
-  motions.resize(bodies.size());
+  pushed = bodies;
   starts.resize(bodies.size());
   shifted.resize(bodies.size());
   frozen.resize(bodies.size());

@@ -115,7 +115,10 @@ struct World::Impl {
   void publish(double h);
 
   // Of fast bodies, and drift(); fast_bodies.cpp
+  Vector3d common_velocity() const;
+  void set_margin(double h);
   bool find_fast(double h);
+  bool fast(int a, int b, double h) const;
   void find_distant_points(double h);
 
   // Of resolve_impacts(); impacts.cpp
@@ -215,7 +218,6 @@ struct World::Impl {
   bool allow_depths(int pass);
   void mark_too_deep();
   bool move_apart(double h);
-  void set_margin(double h);
   void match(double drifted);
   void follow(Contact& touch, const Contact& before, double drifted) const;
   Vector3d change_along(const Contact& touch) const;
@@ -256,12 +258,9 @@ struct World::Impl {
     Matrix3d R;
     Vector3d v, w, L;
   };
-  std::vector<int> linked;    // bodies with joints
-  std::vector<Place> places;  // their states at the start of the step
-  struct BodyMotion {
-    Vector3d v, L;
-  };
-  std::vector<BodyMotion> motions;  // of the bodies during separate()
+  std::vector<int> linked;        // bodies with joints
+  std::vector<Place> places;      // their states at the start of the step
+  std::vector<RigidBody> pushed;  // the bodies that separate() moves, without rotation
   struct Start {
     Vector3d p = Vector3d::Zero(), v = Vector3d::Zero(), w = Vector3d::Zero();
   };

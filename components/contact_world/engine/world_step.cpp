@@ -134,14 +134,6 @@ void World::Impl::publish(double h) {
 
 // ---- Contacts
 
-void World::Impl::set_margin(double h) {
-  double fastest = 0;
-  for (const RigidBody& body : bodies) {
-    if (body.motion != scene::Motion::kStatic) fastest = std::max(fastest, body.v.norm() + body.radius * body.w.norm());
-  }
-  margin = std::min(1.5 * h * fastest + 2 * h * h * scene.gravity.norm() + 1e-5, kWidestMargin);
-}
-
 void World::Impl::reserve(std::size_t contacts) {
   capacity = contacts;
   const std::size_t boxes = loose.size() * kJointRows + scene.gears.size() + 6 * latches.size() + (torsional ? contacts : 0);
@@ -186,12 +178,11 @@ void World::Impl::update_points() {
 /// Measures how the point travels, or keeps what is known if nothing has moved. A point whose features mean another place than before jumps.
 void World::Impl::follow(Contact& touch, const Contact& before, double drifted) const {
   constexpr double kSame = 0.25;  // of the travel, the largest change in a step
-  const auto fast = [&](int body) { return advance.any() && advance.is_fast(index(body)); };
   if (drifted == 0) {
     touch.travel = before.travel;
     return;
   }
-  if (fast(touch.point.body_a) || fast(touch.point.body_b)) return;
+  if (fast(touch.point.body_a, touch.point.body_b, drifted)) return;
   const Vector3d travel = (touch.point.p_W - before.point.p_W) / drifted;
   touch.travel.known = true;
   touch.travel.a = travel - bodies[index(touch.point.body_a)].v;
@@ -224,9 +215,15 @@ void World::Impl::match(double drifted) {
     touch.jumped = touch.point.n_W.dot(before.point.n_W) < kJump || (drifted == 0 && before.jumped);
     if (touch.point.id == before.point.id) follow(touch, before, drifted);
   };
+  const auto common = [&](int body_a, int body_b) {
+    const RigidBody &a = bodies[index(body_a)], &b = bodies[index(body_b)];
+    if (a.motion == scene::Motion::kStatic || b.motion == scene::Motion::kStatic) return Vector3d(Vector3d::Zero());
+    return a.inverse_mass < b.inverse_mass ? a.v : b.v;
+  };
   for (Contact& before : touches_before) before.matched = false;
   std::size_t begin = 0, first = 0;
   while (first < touches.size()) {
+    const Vector3d moved = drifted * common(touches[first].point.body_a, touches[first].point.body_b);
     const auto key = pair(touches[first]);
     std::size_t end = first + 1;
     while (end < touches.size() && pair(touches[end]) == key) ++end;
@@ -251,7 +248,7 @@ void World::Impl::match(double drifted) {
       double distance = reach * reach;
       for (std::size_t t = begin; t < end_before; ++t) {
         if (touches_before[t].matched) continue;
-        const double d = (touches_before[t].point.p_W - touches[i].point.p_W).squaredNorm();
+        const double d = (touches_before[t].point.p_W + moved - touches[i].point.p_W).squaredNorm();
         if (d >= distance) continue;
         distance = d;
         nearest = &touches_before[t];

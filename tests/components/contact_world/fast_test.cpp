@@ -163,11 +163,10 @@ TEST_P(Fast, AFastRodStrikesAPlateAndKeepsItsEnergy) {
 }
 
 TEST_P(Fast, NothingLeavesAClosedRoomOfThinWalls) {
-  // Balls, boxes, rods, capsules and cylinders at up to 300 m/s and 500 rad/s. With e < 1 and friction the energy never grows. e = 1 without friction:
-  // it stays to rounding in three rooms of four; in the others one of 400 steps changes it, by up to 3 %.
-  int changed = 0;
-  for (int run = 0; run < 12; ++run) {
-    const double e = run % 2 == 0 ? 1.0 : 0.6;
+  // Balls, boxes, rods, capsules and cylinders at up to 300 m/s and 500 rad/s, or a hundredth of it. With e < 1 and friction the energy never grows.
+  // e = 1 without friction: it stays to rounding.
+  for (int run = 0; run < 24; ++run) {
+    const double e = run % 2 == 0 ? 1.0 : 0.6, share = run % 4 < 2 ? 1 : 0.01;
     scene::Scene scene = empty();
     const double half = 0.4, mu = e < 1 ? 0.3 : 0;
     for (int axis = 0; axis < 3; ++axis) {
@@ -196,8 +195,8 @@ TEST_P(Fast, NothingLeavesAClosedRoomOfThinWalls) {
       }
       body.name = "body" + std::to_string(i);
       body.shapes[0].material.restitution = e;
-      body.V_WB.head<3>() = 200 * direction();
-      body.V_WB.tail<3>() = 300 * direction();
+      body.V_WB.head<3>() = share * 200 * direction();
+      body.V_WB.tail<3>() = share * 300 * direction();
       scene.bodies.push_back(body);
     }
     World w = world(scene);
@@ -206,21 +205,17 @@ TEST_P(Fast, NothingLeavesAClosedRoomOfThinWalls) {
     for (int k = 0; k < 400; ++k) {
       w.step(kStep);
       const double now = energy(w);
-      if (now > least * (1 + 1e-9)) gain = std::max(gain, now / least - 1);
+      gain = std::max(gain, now / least - 1);
       least = std::min(least, now);
       for (std::size_t b = 6; b < w.poses().size(); ++b) {
         ASSERT_LT(w.poses()[b].p.cwiseAbs().maxCoeff(), half) << run << " body " << b << " step " << k;
       }
     }
-    if (e < 1) {
-      EXPECT_EQ(gain, 0) << run;
-      continue;
+    EXPECT_LT(gain, 1e-9) << run;
+    if (e == 1) {
+      EXPECT_GT(least, start * (1 - 1e-9)) << run;
     }
-    const double change = std::max(gain, 1 - least / start);
-    EXPECT_LT(change, 0.05) << run;
-    changed += change > 1e-9 ? 1 : 0;
   }
-  EXPECT_LE(changed, 4) << "of 6";
 }
 
 TEST_P(Fast, GravityGivesNoEnergyInTheTimeThatABodyLoses) {

@@ -175,7 +175,7 @@ TEST(Guard, EndsARunWhoseBodiesHaveNoRoom) {
     double most;  // J, before the end of the run
   };
   for (const Case& one : {Case{31, Method::kTree, 1e5}, Case{31, Method::kDantzig, 1e5}, Case{3, Method::kDantzig, 100},
-                          Case{118, Method::kTree, 1.3e5}, Case{119, Method::kTree, 1e6}, Case{362, Method::kTree, 1e4}}) {
+                          Case{118, Method::kTree, 1.3e5}, Case{318, Method::kTree, 1e6}, Case{362, Method::kTree, 1e4}}) {
     Options options;
     options.method = one.method;
     RandomScene random(one.seed);

@@ -77,7 +77,7 @@ double deepest(const World& world) {
   return depth;
 }
 
-// Of 120 such piles the deepest point has a median of 0.53 mm, and one in 60 comes to 1 mm.
+// Of 120 such piles the deepest point has a median of 0.53 mm, and is never above 0.88 mm.
 TEST(RoundShapes, OfAPilePenetrateByHalfAMillimetreAtTwoMilliseconds) {
   std::vector<double> depths;
   const std::vector<ShapeType> round{ShapeType::kCylinder, ShapeType::kCapsule};
@@ -94,7 +94,7 @@ TEST(RoundShapes, OfAPilePenetrateByHalfAMillimetreAtTwoMilliseconds) {
         gain = std::max(gain, w.energy() - before);
         before = w.energy();
       }
-      EXPECT_LT(depth, 1.5e-3);
+      EXPECT_LT(depth, 1e-3);
       depths.push_back(depth);
       EXPECT_LT(gain, 2e-3 * (start - before));  // in one step; sweeps that have not converged gain a little
     }
