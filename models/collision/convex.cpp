@@ -133,28 +133,33 @@ void add_edge_or_vertex(const Placed& piece, const Vector3d& d_C, Feature& featu
   for (const Index v : polytope.edges[best].vertices) feature.corners.push_back({place(v), v, best});
 }
 
-/// The faces of a triangle's prism that are no surface of its mesh: the bottom, and the sides at smooth and concave edges.
-std::vector<std::uint8_t> covered_by_neighbours(const scene::Polytope& prism, const scene::Shape& triangle) {
+/// Marks the faces of a triangle's prism that are no surface of its mesh: the bottom, and the sides at smooth and concave edges.
+void cover(Convex& prism, const scene::Shape& triangle) {
   const std::vector<Vector3d>& v = triangle.vertices;
   const Vector3d up = (v[1] - v[0]).cross(v[2] - v[0]).normalized();
   const int edges = static_cast<int>(triangle.size.y());
-  std::vector<std::uint8_t> covered(prism.faces.size(), 0);
-  for (std::size_t f = 0; f < covered.size(); ++f) {
-    const Vector3d& n = prism.faces[f].n;
+  prism.covered.assign(prism.polytope.faces.size(), 0);
+  prism.sides.resize(prism.covered.size());
+  for (std::size_t f = 0; f < prism.covered.size(); ++f) {
+    const Vector3d& n = prism.polytope.faces[f].n;
     if (std::abs(n.dot(up)) > 0.5) {
-      covered[f] = n.dot(up) < 0;
+      if (n.dot(up) > 0) prism.top = f;
+      prism.covered[f] = n.dot(up) < 0;
+      prism.sides[f].outwards = -up;
       continue;
     }
     int best = 0;
     double most = -1;
     for (int e = 0; e < 3; ++e) {
       const auto k = static_cast<std::size_t>(e);
-      const double along = (v[(k + 1) % 3] - v[k]).cross(up).normalized().dot(n);
-      if (along > most) most = along, best = e;
+      const Vector3d outwards = (v[(k + 1) % 3] - v[k]).cross(up).normalized();
+      if (outwards.dot(n) <= most) continue;
+      most = outwards.dot(n);
+      best = e;
+      prism.sides[f] = {outwards, triangle.turns[e]};
     }
-    covered[f] = edges >> best & 1;
+    prism.covered[f] = edges >> best & 1;
   }
-  return covered;
 }
 
 }  // namespace
@@ -191,7 +196,7 @@ Convex make_convex(const scene::Shape& shape) {
     case scene::ShapeType::kTriangle: {
       convex = polytope_of(scene::convex_hull(scene::triangle_corners(shape)), shape.X_BS);
       convex.triangle = true;
-      convex.covered = covered_by_neighbours(convex.polytope, shape);
+      cover(convex, shape);
       return convex;
     }
     case scene::ShapeType::kHeightmap: {
@@ -264,13 +269,15 @@ void find_covered_faces(std::span<Convex> pieces) {
 
 namespace {
 
-/// Whether d, in C, is a normal of the convex edge above a covered side of a column. `farthest`: the least height along d of the part that is
-/// farthest.
-bool is_normal_of_edge(const Convex& column, const Convex::Side& side, const Vector3d& d, double farthest) {
-  const std::vector<Vector3d>& vertices = column.polytope.vertices;
-  if (std::any_of(vertices.begin() + 3, vertices.end(), [&](const Vector3d& v) { return v.dot(d) >= farthest; })) return false;
+/// Whether d, in C, is a normal of the convex edge above a covered side. `farthest`: the least height along d of the part that is farthest.
+bool is_normal_of_edge(const Convex& prism, const Convex::Side& side, const Vector3d& d, double farthest) {
+  const scene::Polytope::Face& top = prism.polytope.faces[prism.top];
+  constexpr double kSame = 1e-9;      // of the extent
   constexpr double kRounding = 1e-6;  // rad
-  return std::atan2(side.outwards.dot(d), column.polytope.faces[0].n.dot(d)) <= side.turn + kRounding;
+  const double below = top.d - kSame * prism.extent.maxCoeff();
+  const auto is_bottom = [&](const Vector3d& v) { return v.dot(d) >= farthest && v.dot(top.n) < below; };
+  if (std::ranges::any_of(prism.polytope.vertices, is_bottom)) return false;
+  return std::atan2(side.outwards.dot(d), top.n.dot(d)) <= side.turn + kRounding;
 }
 
 }  // namespace
@@ -284,7 +291,7 @@ bool points_out_of_covered(const Placed& piece, const Vector3d& d) {
   const double top = vertices[farthest_vertex(c.polytope, d_C)].dot(d_C) - kSame * c.extent.maxCoeff();
   const auto farthest = std::count_if(vertices.begin(), vertices.end(), [&](const Vector3d& v) { return v.dot(d_C) >= top; });
   const double lean =
-      c.sides.empty() ? 0.05 : 1e-6;  // sine; a ball that rests on columns must not be pushed aside by their seams
+      c.sides.empty() ? 0.05 : 1e-6;  // sine; a ball on columns or triangles must not be pushed aside by their seams
   for (std::size_t f = 0; f < c.covered.size(); ++f) {
     const scene::Polytope::Face& face = c.polytope.faces[f];
     if (c.covered[f] == 0 || (c.sides.empty() ? face.n : c.sides[f].outwards).dot(d_C) <= lean) continue;

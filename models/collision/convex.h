@@ -32,12 +32,13 @@ struct Convex {
   Eigen::Vector3d extent = Eigen::Vector3d::Zero();  // half sizes of the core along C's axes, m
   scene::Polytope polytope;
   std::vector<std::uint8_t> covered;  // per face: 1 if another piece of the body covers all of it; empty if none is covered
-  /// Of a column (terrain.h): what is beyond a side. The side is covered, but a convex edge above it is not.
+  /// Of a triangle of a mesh or a column (terrain.h): what is beyond a side. A side may be covered where a convex edge above it is not.
   struct Side {
     Eigen::Vector3d outwards = Eigen::Vector3d::Zero();  // across the upper edge in the plane of the top, unit
     double turn = 0;  // angle from the normal of the top to that of the neighbour's, rad; 0: the edge is flat or concave
   };
-  std::vector<Side> sides;  // per face; empty if it is no column
+  std::vector<Side> sides;  // per face; empty for other shapes
+  std::size_t top = 0;      // of their faces, the one that is the triangle
   Pose X_BC;                // in the body
   scene::SharedField heights;
 };
@@ -80,7 +81,7 @@ void supporting_feature(const Placed& piece, const Eigen::Vector3d& d, Feature& 
 inline constexpr int kDiscCorners = 16;
 
 /// Returns whether d points out of a covered face that contains the part farthest along d: such a d is no contact normal. Convex
-/// edges of columns are not covered.
+/// edges of triangles and columns are not covered.
 bool points_out_of_covered(const Placed& piece, const Eigen::Vector3d& d);
 
 /// Half sizes of a piece's bounding box along the axes of a frame in which it is turned by R.

@@ -119,7 +119,9 @@ std::vector<Shape> triangle_shapes(const Mesh& mesh, std::span<const double> dep
       const Vector3d across = (mesh.vertices[t[(k + 1) % 3]] - p).cross(n);  // outwards
       const Vector3d m = normal(mesh, mesh.triangles[neighbour->second]);
       const double angle = std::atan2(m.dot(across.normalized()), m.dot(n));
-      if (angle < kSmooth) edges |= 1 << k;
+      if (!(angle < kSmooth)) continue;
+      edges |= 1 << k;
+      shape.turns[static_cast<Eigen::Index>(k)] = std::max(0.0, angle);
     }
     shape.size = {depths[i], static_cast<double>(edges), 0};
     shapes.push_back(std::move(shape));

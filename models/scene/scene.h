@@ -47,7 +47,9 @@ struct Shape {
       // S's z: (radius, length without the caps, –); plane z = 0 of S, solid below;
       // ellipsoid: radii; triangle: (depth of the solid behind it, sum of 1, 2, 4 for each edge that is smooth or concave, –)
   std::vector<Eigen::Vector3d> vertices;  // hull: in S, m; triangle: its corners, counter-clockwise seen from outside
-  Pose X_BS;                              // in the body's frame
+  Eigen::Vector3d turns =
+      Eigen::Vector3d::Zero();  // triangle: at each of these edges, angle to the neighbour's normal if it is convex, rad
+  Pose X_BS;                    // in the body's frame
   Material material;
   SharedField heights = {};  // heightmap: the ground, with solid below it
   std::string tool = {};     // the shape comes and goes with the tool of this name; "": it is always there

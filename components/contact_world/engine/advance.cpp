@@ -48,6 +48,9 @@ double reach_of(const RigidBody& body, const Convex& c) {
   return unbounded(c) ? kInfinity : (body.X_PB * c.X_BC.p).norm() + c.extent.norm();
 }
 
+/// Gap at which a pair meets that has contact points at the gap d now. `least`: smaller half size.
+double lowest(double d, double least) { return std::min(d, 0.0) - std::min(kDeeper * least, kDeepest); }
+
 double distance_from_segment(const Vector3d& p, const Vector3d& start, const Vector3d& displacement) {
   const double square = displacement.squaredNorm();
   const double s = square > 0 ? std::clamp((p - start).dot(displacement) / square, 0.0, 1.0) : 0;
@@ -84,14 +87,21 @@ Advance::Advance(std::span<const RigidBody> bodies, std::span<const char> linked
       const Convex& convex = pieces_[k].convex;
       scratch_.corners.reserve(most_corners(convex));
       body.unbounded = body.unbounded || unbounded(convex);
+      body.meshed = body.meshed || convex.triangle;
       least = std::min(least, half_size(convex));
     }
     body.pieces = pieces_.subspan(first, k - first);
     body.rank = rank(bodies[b], linked[b] != 0 || body.unbounded);
+    has_free_ = has_free_ || (body.rank == 0 && !body.pieces.empty());
     refit(b, bodies[b]);
     body.limit = body.rank > 0 ? kMostMotion : std::clamp(kShareOfSize * least, kLeastMotion, kMostMotion);
     ways_.push_back({.start = bodies[b]});
   }
+}
+
+void Advance::Floor::add(double d, double least) {
+  touches = true;
+  gap = std::min(gap, lowest(d, least));
 }
 
 void Advance::refit(std::size_t b, const RigidBody& now) {
@@ -118,11 +128,12 @@ bool Advance::fast(std::size_t a, const RigidBody& A, std::size_t b, const Rigid
 }
 
 bool Advance::find_fast(std::span<const RigidBody> bodies, double h, const Vector3d& common) {
+  if (!has_free_) return false;
   double most[2] = {0, 0};
   for (std::size_t b = 0; b < bodies_.size(); ++b) {
     Body& body = bodies_[b];
     if (body.pieces.empty()) continue;
-    body.speed = (bodies[b].v - common).norm() + (body.unbounded ? 0 : bodies[b].w.norm() * bodies[b].radius);
+    body.speed = (bodies[b].v - common).lpNorm<1>() + (body.unbounded ? 0 : bodies[b].w.lpNorm<1>() * bodies[b].radius);
     if (body.speed > most[1]) most[1] = std::min(most[0], body.speed), most[0] = std::max(most[0], body.speed);
   }
   if (kMotionOfPair * h * (most[0] + most[1]) <= kLeastMotion) return any_;
@@ -232,6 +243,8 @@ double Advance::time_of_impact(std::size_t a, std::size_t b, double start, doubl
   if (!bodies_[b].unbounded && distance_from_segment(B.p, A.p, displacement) > A.radius + B.radius) return kInfinity;
   if (detector_->ignores(static_cast<int>(a), static_cast<int>(b))) return kInfinity;
   const bool slow = !fast(a, A, b, B, h);
+  // A mesh is one surface: a body that touches it somewhere slides over its seams.
+  const Floor mesh = floor_of_mesh(A, bodies_[a], B, bodies_[b], near);
   double first = kInfinity;
   for (const Piece& of_b : bodies_[b].pieces) {
     double t = kInfinity;
@@ -243,12 +256,33 @@ double Advance::time_of_impact(std::size_t a, std::size_t b, double start, doubl
       const double radius = unbounded(of_b.convex) ? kInfinity : of_b.convex.extent.norm() + of_b.convex.round;
       if (distance_from_segment(B.p + offset, A.p, displacement) > A.radius + radius + moved) continue;
       for (const Piece& of_a : bodies_[a].pieces) {
-        t = std::min(t, start + time_of_impact(A, B, of_a, of_b, end - start, near, slow));
+        const bool on_mesh = mesh.touches && (of_a.convex.triangle || of_b.convex.triangle);
+        if (on_mesh && (slow || of_a.soft || of_b.soft)) continue;
+        const double closer = on_mesh ? -kInfinity : near;
+        t = std::min(t, start + time_of_impact(A, B, of_a, of_b, end - start, closer, slow, mesh.gap));
       }
     }
     if (t < end) first = end = t;
   }
   return first;
+}
+
+/// What the triangles of a pair of bodies allow together, if one of them touches.
+Advance::Floor Advance::floor_of_mesh(const RigidBody& a, const Body& pieces_of_a, const RigidBody& b, const Body& pieces_of_b,
+                                      double near) {
+  Floor floor;
+  for (const Piece& of_b : pieces_of_b.pieces) {
+    if (!of_b.convex.triangle && !pieces_of_a.meshed) continue;
+    const Vector3d middle = b.p + b.R * (b.X_PB * of_b.convex.X_BC.p);
+    if (unbounded(of_b.convex) || (middle - a.p).norm() > a.radius + of_b.convex.extent.norm() + of_b.convex.round + near)
+      continue;
+    for (const Piece& of_a : pieces_of_a.pieces) {
+      if (!of_a.convex.triangle && !of_b.convex.triangle) continue;
+      const Distance d = distance(place(a, of_a, b.p), place(b, of_b, b.p), scratch_);
+      if (d.d <= near) floor.add(d.d, std::min(half_size(of_a.convex), half_size(of_b.convex)));
+    }
+  }
+  return floor;
 }
 
 /// Time from now until the body meets the ground; infinite if it does not before `end`. The ground is one surface: a body that touches it somewhere
@@ -266,18 +300,15 @@ double Advance::time_of_impact(const RigidBody& a, const Body& pieces_of_a, cons
       for (const Piece& piece : pieces_of_a.pieces) visit(piece);
     }
   };
-  bool touches = false;
-  double floor = 0;
+  Floor floor;
   for_each(start, [&](const Piece& of_a) {
     const Distance d = distance(place(a, of_a, a.p), place(b, column_, a.p), scratch_);
-    if (d.d > near) return;
-    touches = true;
-    floor = std::min(floor, std::min(d.d, 0.0) - std::min(kDeeper * half_size(of_a.convex), kDeepest));
+    if (d.d <= near) floor.add(d.d, half_size(of_a.convex));
   });
   double first = kInfinity;
   for_each(end_of_way, [&](const Piece& of_a) {
-    if (touches && (of_a.soft || ground.soft)) return;
-    const double t = time_of_impact(a, b, of_a, column_, end, touches ? -kInfinity : near, slow, floor);
+    if (floor.touches && (of_a.soft || ground.soft)) return;
+    const double t = time_of_impact(a, b, of_a, column_, end, floor.touches ? -kInfinity : near, slow, floor.gap);
     if (t < end) first = end = t;
   });
   return first;
@@ -297,7 +328,7 @@ double Advance::time_of_impact(const RigidBody& a, const RigidBody& b, const Pie
     const Distance d = distance(place(at_a, of_a, origin), place(at_b, of_b, origin), scratch_);
     if (step == 0 && d.d <= near) {
       if (slow || of_a.soft || of_b.soft) return kInfinity;
-      floor = std::min(d.d, 0.0) - std::min(kDeeper * least, kDeepest);
+      floor = lowest(d.d, least);
     }
     if (step > 0 && d.d <= floor + kStop) return t;
     const double closing = speed_along(at_a, d.n, reach_a, end - t) +

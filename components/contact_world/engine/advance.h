@@ -49,8 +49,9 @@ class Advance {
     std::span<const Piece> pieces;
     double reach = 0;        // largest distance of their cores from P's origin, m
     double limit = 0;        // motion in a step beyond which it is fast, m
-    double speed = 0;        // of its points at most, less the common velocity, m/s
+    double speed = 0;        // upper bound of that of its points, less the common velocity, m/s
     bool unbounded = false;  // has a plane or a height field
+    bool meshed = false;     // has triangles
     int rank = 0;            // 0: free, 1: with joints, 2: driven, 3: static
     bool fast = false;
   };
@@ -64,10 +65,18 @@ class Advance {
     std::size_t with = 0;   // the other body
   };
 
+  /// Gap at which the pieces of one surface meet another body, that touches it now or not.
+  struct Floor {
+    double gap = 0;
+    bool touches = false;
+    void add(double d, double least);
+  };
+
   RigidBody at(std::size_t body, double t) const;
   void find_next(std::size_t a, std::size_t least, double t, double h, double near);
   void join(std::size_t a, std::size_t b, double t, double h);
   double time_of_impact(std::size_t a, std::size_t b, double start, double end, double h, double near);
+  Floor floor_of_mesh(const RigidBody& a, const Body& pieces_of_a, const RigidBody& b, const Body& pieces_of_b, double near);
   /// `ground`: a height field on b, which is static.
   double time_of_impact(const RigidBody& a, const Body& pieces_of_a, const RigidBody& b, const Piece& ground, double end,
                         double near, bool slow);
@@ -81,6 +90,7 @@ class Advance {
   std::vector<Way> ways_;
   Piece column_{.convex = collision::make_column()};
   collision::Feature scratch_;
+  bool has_free_ = false;  // with shapes
   bool any_ = false;
 };
 

@@ -218,6 +218,42 @@ TEST_P(Fast, NothingLeavesAClosedRoomOfThinWalls) {
   }
 }
 
+// A ball in a hollow box that is free, too: what all have together stays, at 20 m/s also where both are fast.
+TEST_P(Fast, AFreeRoomAndItsBallKeepEnergyAndMomentum) {
+  for (const double speed : {1.0, 20.0}) {
+    scene::Scene scene = empty();
+    scene::Body room = cotwin::testing::box("room", {0.4, 0.4, 0.4}, 2, {0, 0, 0}, 0);
+    const scene::Shape wall = room.shapes[0];
+    room.shapes.clear();
+    for (int axis = 0; axis < 3; ++axis) {
+      for (const double side : {-1.0, 1.0}) {
+        room.shapes.push_back(wall);
+        room.shapes.back().size = Vector3d::Constant(0.4 + 2 * kWall);
+        room.shapes.back().size[axis] = kWall;
+        room.shapes.back().X_BS.p = side * (0.2 + kWall / 2) * Vector3d::Unit(axis);
+        room.shapes.back().material.restitution = 1;
+      }
+    }
+    room.V_WB << 3, -2, 1, 0.1, 0.2, -0.1;
+    scene::Body ball = cotwin::testing::ball("ball", 0.03, 0.5, {0.05, 0.02, -0.04}, 0, 1);
+    ball.V_WB.head<3>() = Vector3d(3, -2, 1) + speed * Vector3d(1, 0.3, -0.7);
+    scene.bodies = {room, ball};
+    World w = world(scene);
+    const double before = energy(w);
+    const Wrench start = momentum(w);
+    int impacts = 0;
+    for (int k = 0; k < 20'000; ++k) {
+      w.step(kStep);
+      impacts += w.status().impacts;
+    }
+    EXPECT_GT(impacts, 50 * speed);
+    EXPECT_NEAR(energy(w) / before, 1, 1e-12) << speed;
+    EXPECT_LT((momentum(w) - start).head<3>().norm(), 1e-12) << speed;
+    EXPECT_LT((momentum(w) - start).tail<3>().norm(), 1e-8) << speed;  // corrections of depth move them at their speeds
+    EXPECT_LT((w.poses()[1].p - w.poses()[0].p).norm(), 0.35) << speed;
+  }
+}
+
 TEST_P(Fast, GravityGivesNoEnergyInTheTimeThatABodyLoses) {
   // Between floor and ceiling with e = 1: energy of the closed form throughout.
   scene::Scene scene;

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "components/contact_world/engine/world.h"
+#include "models/scene/mesh.h"
 #include "models/scene/shapes.h"
 #include "tests/support/contact_scenes.h"
 #include "tests/support/hard_scenes.h"
@@ -117,6 +118,65 @@ TEST(RoundShapes, ManySweepsOverAPileOfBallsAddNoEnergy) {
       before = w.energy();
     }
     EXPECT_LT(gain, 1e-3 * (start - before)) << "seed " << seed;
+  }
+}
+
+/// A strip of triangles along x, which begins at −width / 2; each square of `width` has a diagonal.
+scene::Mesh strip(std::size_t squares, double width) {
+  scene::Mesh mesh;
+  for (std::size_t i = 0; i <= squares; ++i) {
+    for (const double side : {-0.5, 0.5}) mesh.vertices.emplace_back(width * (static_cast<double>(i) - 0.5), side * width, 0);
+  }
+  for (std::uint32_t i = 0; i < 2 * squares; i += 2)
+    mesh.triangles.insert(mesh.triangles.end(), {{i, i + 2, i + 3}, {i, i + 3, i + 1}});
+  return mesh;
+}
+
+scene::Scene ball_on(const std::vector<scene::Shape>& shapes, const Vector3d& v, double y) {
+  constexpr double kRadius = 0.05;
+  scene::Body ground;
+  ground.name = "ground";
+  ground.motion = scene::Motion::kStatic;
+  ground.shapes = shapes;
+  for (scene::Shape& shape : ground.shapes) shape.material.mu = 0.5;
+  scene::Scene scene;
+  scene.bodies = {ground, body_of(ShapeType::kSphere, {kRadius, 0, 0}, {0, y, kRadius}, Matrix3d::Identity(), 0.5)};
+  scene.bodies[1].V_WB << v, Vector3d::UnitZ().cross(v) / kRadius;
+  return scene;
+}
+
+TEST(RoundShapes, ABallRollsOverTheSeamsOfAMeshAsOverABox) {
+  constexpr double kWidth = 0.1, kSpeed = 10;
+  for (const double h : {1e-3, 4e-3}) {                 // in the second case it is fast
+    const std::size_t squares = h > 1e-3 ? 500 : 5000;  // each has two seams
+    const std::vector<scene::Shape> seams =
+        scene::triangle_shapes(strip(squares, kWidth), std::vector<double>(2 * squares, 0.05));
+    World w = world(ball_on(seams, {kSpeed, 0, 0}, 0.013));
+    const int steps = static_cast<int>(0.99 * kWidth * static_cast<double>(squares) / kSpeed / h);
+    const double start = w.energy();
+    for (int k = 0; k < steps; ++k) w.step(h);
+    EXPECT_NEAR(w.energy() / start, 1, 1e-6) << h;
+    EXPECT_NEAR(w.poses()[1].p.x() / (steps * h * kSpeed), 1, 1e-6) << h;
+    EXPECT_NEAR(w.twists()[1][1], 0, 1e-6) << h;
+    EXPECT_NEAR(w.poses()[1].p.z(), 0.05, 1e-6) << h;
+  }
+}
+
+TEST(RoundShapes, ABallFallsOverTheRimOfAMeshAsOverThatOfABox) {
+  const std::vector<scene::Shape> flat = scene::triangle_shapes(strip(10, 0.1), std::vector<double>(20, 0.05));
+  scene::Shape box;
+  box.type = ShapeType::kBox;
+  box.size = {1, 0.1, 0.05};
+  box.X_BS.p = {0.45, 0, -0.025};
+  for (const double speed : {0.1, 1.0}) {
+    World on_mesh = world(ball_on(flat, {speed, 0, 0}, 0)), on_box = world(ball_on({box}, {speed, 0, 0}, 0));
+    const int steps = static_cast<int>((1 / speed + 0.3) / 1e-3);
+    for (int k = 0; k < steps; ++k) {
+      on_mesh.step(1e-3);
+      on_box.step(1e-3);
+    }
+    EXPECT_LT(on_box.poses()[1].p.z(), -0.05) << speed;
+    EXPECT_LT((on_mesh.poses()[1].p - on_box.poses()[1].p).norm(), 1e-6) << speed;
   }
 }
 
