@@ -168,6 +168,12 @@ void Advance::sweep(double h, double near) {
   }
 }
 
+bool Advance::meet(std::size_t a, const RigidBody& A, std::size_t b, const RigidBody& B, double h, double near) {
+  set_start(a, A);
+  set_start(b, B);
+  return std::isfinite(time_of_impact(a, b, 0, h, h, near));
+}
+
 /// Lets all that moves on with a and b move on together from t: with the body of the highest rank that they have met, or else with the velocity of
 /// their centre of mass.
 void Advance::join(std::size_t a, std::size_t b, double t, double h) {
@@ -256,8 +262,8 @@ double Advance::time_of_impact(std::size_t a, std::size_t b, double start, doubl
       const double radius = unbounded(of_b.convex) ? kInfinity : of_b.convex.extent.norm() + of_b.convex.round;
       if (distance_from_segment(B.p + offset, A.p, displacement) > A.radius + radius + moved) continue;
       for (const Piece& of_a : bodies_[a].pieces) {
-        const bool on_mesh = mesh.touches && (of_a.convex.triangle || of_b.convex.triangle);
-        if (on_mesh && (slow || of_a.soft || of_b.soft)) continue;
+        const bool on_mesh = mesh.touches && (of_a.convex.triangle || of_b.convex.triangle) && !of_a.soft && !of_b.soft;
+        if (on_mesh && slow) continue;
         const double closer = on_mesh ? -kInfinity : near;
         t = std::min(t, start + time_of_impact(A, B, of_a, of_b, end - start, closer, slow, mesh.gap));
       }

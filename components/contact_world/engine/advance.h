@@ -32,6 +32,10 @@ class Advance {
   /// Whether these bodies are fast against one another, at the given poses and velocities.
   bool fast(std::size_t a, const RigidBody& A, std::size_t b, const RigidBody& B, double h) const;
 
+  bool has_joints(std::size_t body) const { return bodies_[body].rank == 1; }
+  /// Whether the two would meet in the step.
+  bool meet(std::size_t a, const RigidBody& A, std::size_t b, const RigidBody& B, double h, double near);
+
   /// To be called for all bodies before sweep(), which adds those to the fast ones that these meet.
   void set_start(std::size_t body, const RigidBody& start) { ways_[body] = {.start = start, .group = body, .with = body}; }
   /// Moves the fast bodies over the step. Pairs closer than `near` (m) have contact points, which hold slow ones; fast ones may get deeper by

@@ -51,7 +51,8 @@ bool World::Impl::fast(int a, int b, double h) const {
   return advance.any() && advance.fast(index(a), bodies[index(a)], index(b), bodies[index(b)], h);
 }
 
-/// Marks the points of pairs of shapes that are fast against one another and do not touch.
+/// Marks the points of pairs of shapes that are fast against one another and do not touch. Those of a mechanism that will meet the other body act
+/// at once: it is not stopped, and it must not close through what is in its way.
 void World::Impl::find_distant_points(double h) {
   for (std::size_t first = 0, end = 0; first < touches.size(); first = end) {
     const ContactPoint& pair = touches[first].point;
@@ -63,7 +64,11 @@ void World::Impl::find_distant_points(double h) {
       gap = std::min(gap, touches[end].point.gap);
     }
     // Once in a step: what an impact has slowed down is swept as well.
-    const bool distant = gap > near(h, scene.gravity) && (touches[first].distant || fast(pair.body_a, pair.body_b, h));
+    const std::size_t a = index(pair.body_a), b = index(pair.body_b);
+    const double touching = near(h, scene.gravity);
+    const bool distant =
+        gap > touching && (touches[first].distant || fast(pair.body_a, pair.body_b, h)) &&
+        !((advance.has_joints(a) || advance.has_joints(b)) && advance.meet(a, bodies[a], b, bodies[b], h, touching));
     for (std::size_t t = first; t < end; ++t) touches[t].distant = distant;
   }
 }
@@ -101,6 +106,8 @@ void World::Impl::drift(double h) {
       const double lost = advance.rides(b);
       if (!(lost > 0)) continue;
       const Wrench& F = applied[b];
+      const Vector3d weight = body.mass * scene.gravity + F.head<3>();
+      account(static_cast<int>(b))->work -= lost * weight.dot(end.v);  // of what carries it
       body.v -= lost * scene.gravity;
       body.apply_impulse(-lost * F.head<3>(), -lost * (F.tail<3>() + (body.R * body.X_PB.p).cross(F.head<3>())));
     }
