@@ -169,6 +169,7 @@ void Advance::sweep(double h, double near) {
 }
 
 bool Advance::meet(std::size_t a, const RigidBody& A, std::size_t b, const RigidBody& B, double h, double near) {
+  if (bodies_[a].rank > 0) return meet(b, B, a, A, h, near);
   set_start(a, A);
   set_start(b, B);
   return std::isfinite(time_of_impact(a, b, 0, h, h, near));

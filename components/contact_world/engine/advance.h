@@ -33,7 +33,7 @@ class Advance {
   bool fast(std::size_t a, const RigidBody& A, std::size_t b, const RigidBody& B, double h) const;
 
   bool has_joints(std::size_t body) const { return bodies_[body].rank == 1; }
-  /// Whether the two would meet in the step.
+  /// Whether the two, one of which is free, would meet in the step.
   bool meet(std::size_t a, const RigidBody& A, std::size_t b, const RigidBody& B, double h, double near);
 
   /// To be called for all bodies before sweep(), which adds those to the fast ones that these meet.
