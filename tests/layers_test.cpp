@@ -210,7 +210,6 @@ const std::map<std::string, std::vector<std::string>> kRooms = {
 const std::set<std::pair<std::string, std::string>> kUpwards = {
     {"components/services/json/json.cpp", "components/services/json/answers/answers.h"},   // calls the services by their names
     {"components/services/json/json.cpp", "components/services/json/control/control.h"},   // which chooses them
-    {"components/services/json/tasks.cpp", "components/services/json/control/control.h"},  // whose chains are tasks
     {"fmu/import/load.cpp", "fmu/process/process.h"},                                      // chooses where an FMU runs
     {"master/program/main.cpp", "master/program/commands/commands.h"},                     // the main function
 };

@@ -125,6 +125,10 @@ double shortest_by_torque(const Problem& p, const std::vector<double>& c) {
   return 1 / most;
 }
 
+bool has_speed(const optimisation::Solution& s) {
+  return std::ranges::any_of(s.peaks, [](const optimisation::Peak& peak) { return peak.bound == "dq" && peak.value != 0; });
+}
+
 /// The duration below which a bound is not met; +∞: there is none. `unlimited` becomes true if the robot moves and no bound limits the
 /// duration; the result is then +∞, too. `found`: becomes the motion of the duration that was found, if that was looked at.
 double shortest(const Problem& p, const std::vector<double>& c, bool* unlimited = nullptr,
@@ -132,8 +136,7 @@ double shortest(const Problem& p, const std::vector<double>& c, bool* unlimited 
   constexpr double kShortest = 1e-3;  // s
   const optimisation::Solution unit = optimisation::assess(without_torques(p), c, p.ends.q_to, 1);
   double T = 0;
-  const bool moves =
-      std::ranges::any_of(unit.peaks, [](const optimisation::Peak& peak) { return peak.bound == "dq" && peak.value != 0; });
+  const bool moves = has_speed(unit);
   for (const optimisation::Peak& peak : unit.peaks) {
     if (peak.bound == "q" && peak.share > 1 + 1e-9) return std::numeric_limits<double>::infinity();
     if (peak.bound == "dq") T = std::max(T, peak.share);
@@ -184,6 +187,8 @@ double shortest_duration(const robot::RobotModel& robot, const Move& move) {
   const Problem p = problem_of(robot, move);
   return shortest(p, coefficients_of(p, move));
 }
+
+bool Plan::moves() const { return has_speed(solution); }
 
 Plan plan(const robot::RobotModel& robot, const Move& move) {
   Plan plan;

@@ -44,6 +44,7 @@ struct Plan {
   double shared_work() const { return solution.costs[2]; }   // J
   double acceleration() const { return solution.costs[3]; }  // ∫ Σ q̈² dt
   double jerk() const { return solution.costs[4]; }          // ∫ Σ (d³q/dt³)² dt
+  bool moves() const;                                        // not a robot that stands still
 };
 /// With T = 0 the shortest duration is taken; if there is none, kLongest, and the verdict names the bound that no duration meets.
 /// Throws Error for a request that does not fit the robot.

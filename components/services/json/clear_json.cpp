@@ -273,14 +273,10 @@ Json ClearOf::json(const collision::Verdict& verdict, Json& reply) const {
   return {{"clear", verdict.clear}, {"nearest", nearest}};
 }
 
-bool ClearOf::judge(const trajectory::Path& path, Json& reply) {
-  const collision::Verdict verdict = check(path);
-  if (!verdict.clear && reply["feasible"] == true) {
-    reply["feasible"] = false;
-    reply["reason"] = reason(verdict);
-  }
-  reply["clear_of"] = json(verdict, reply);
-  return verdict.clear;
+void ClearOf::judge(const trajectory::Path& path, Json& reply, Verdict& verdict) {
+  const collision::Verdict found = check(path);
+  verdict.add(Of::kClearOf, found.clear, reason(found));
+  reply["clear_of"] = json(found, reply);
 }
 
 }  // namespace cotwin::services

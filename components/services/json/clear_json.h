@@ -3,6 +3,7 @@
 #include <memory>
 #include <optional>
 
+#include "components/services/json/verdict.h"
 #include "components/services/json/move_json.h"
 #include "models/collision/meeting/meeting.h"
 
@@ -20,8 +21,8 @@ class ClearOf {
   Json json(const collision::Verdict& verdict, Json& reply) const;
   /// "link_5 meets box at 0.83 s"; "" for a motion that is clear.
   std::string reason(const collision::Verdict& verdict) const;
-  /// Both for a motion: true if it is clear, else the reply is infeasible.
-  bool judge(const trajectory::Path& path, Json& reply);
+  /// The member and the finding of a motion.
+  void judge(const trajectory::Path& path, Json& reply, Verdict& verdict);
 
  private:
   double clearance_ = 0;

@@ -61,8 +61,7 @@ void add_assumptions(const std::string& service, const Robot& robot, Reader& r, 
              path = r.gives("series") || r.gives("waypoints");
   Needs n;
   n.searched = !path && !r.gives("T_s") && (!optimise || r.gives("T_max_s"));
-  if (service == "reach" || (service == "jerk" && !n.searched) || (grow && is("constraint", "base")))
-    return;  // of the shape alone
+  if (service == "reach" || (grow && is("constraint", "base"))) return;  // of the shape alone
   const bool safety = service == "safety" || (optimise && has_cost(r, "safety"));
   n.contact = safety || service == "effective_mass" || (optimise && has_cost(r, "effective_mass"));
   if (is("drives", "none")) n.without_drives = "request: drives = none";
@@ -184,13 +183,12 @@ std::shared_ptr<const Robot> robot_of(Robots& robots, Reader& r) {
 std::string answer_object(Robots& robots, const Json& object, const Context& context) {
   if (is_chain(object)) return answer_chain(robots, object, context);
   const auto given = [&](const char* name) { return object.is_object() && object.contains(name); };
-  const std::string audience = given("audience") ? Reader(object).word("audience", kAudiences) : "";
-  const bool whole = audience.empty() || audience == "engineer" || given("detail");
+  const Audience audience = audience_of(object, given("detail"));
   Json settled;
-  if (!given("service") || given("choice") || !(audience.empty() || given("detail"))) {
+  if (!given("service") || given("choice") || !(audience.name.empty() || given("detail"))) {
     settled = object;
     choose(settled);
-    if (!audience.empty() && !given("detail")) settled["detail"] = detail_for(audience);
+    if (!audience.name.empty() && !given("detail")) settled["detail"] = detail_for(audience.name);
   }
   const Json& request = settled.is_null() ? object : settled;
   Reader r(request);
@@ -198,7 +196,7 @@ std::string answer_object(Robots& robots, const Json& object, const Context& con
   const Json choice = request.value("choice", Json());
   if (std::ranges::any_of(choices(), [&](const Choice& row) { return request["service"] == row.service; }))
     (void)r.has("choice");
-  (void)r.has("audience");
+  for (const char* own : {"audience", "require"}) (void)r.has(own);
   Context own = context;
   own.robots = &robots;
   Json reply;
@@ -214,7 +212,7 @@ std::string answer_object(Robots& robots, const Json& object, const Context& con
   }
   if (context.only_read) return "";
   must_be_finite(reply);
-  return presented(request["service"], audience, whole, choice, reply).dump();
+  return presented(request["service"], audience, choice, std::move(reply)).dump();
 }
 
 void check_object(Robots& robots, const Json& object) {

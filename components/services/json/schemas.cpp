@@ -2,6 +2,7 @@
 #include <string>
 #include <utility>
 
+#include "components/services/json/verdict.h"
 #include "components/services/json/schema_parts.h"
 
 namespace cotwin::services {
@@ -9,6 +10,19 @@ namespace cotwin::services {
 namespace schemas {
 
 namespace {
+
+/// What is told of persons beside a motion, by name.
+std::vector<std::pair<const char*, Json>> of_safety() {
+  return {{"safe", described({{"type", {"boolean", "null"}}}, "null: nobody can say, safe_reason tells why")},
+          {"safe_reason", kText},
+          {"T_safe_s",
+           described(kNumberOrNull, "duration from which on the move is within the limits; null: contact is not permitted")},
+          {"worst_part", kText},
+          {"mass", {{"enum", {"larger", "effective"}}}},
+          {"load_kg", kNumber},
+          {"effective", described(risk(), "worst_part with the effective mass of the frame")},
+          {"iso_ts_15066", described(risk(), "worst_part with M/2 + m_L (ISO/TS 15066, A.3.4)")}};
+}
 
 /// Schemas of the replies, by the services' names.
 const std::pair<const char*, Json (*)()> kReplies[] = {
@@ -48,7 +62,9 @@ const std::pair<const char*, Json (*)()> kReplies[] = {
        o.must("boundary", {{"type", "string"}, {"enum", {"mains", "joints"}}}).must("energy_J", kNumber);
        o.may("price", described(kNumberOrNull, "null: the price of energy is unknown"))
            .may("co2_kg", kNumberOrNull)
-           .may("assumed", described(kText, "parameters of the drives that are assumptions"));
+           .may("assumed", described(kText, "parameters of the drives that are assumptions"))
+           .may("cycle_s", described(kNumber, "for which energy_J is, with the wait after the move"))
+           .may("move_J", described(kNumber, "of the move without the wait"));
        o.may("best", Object()
                          .must("T_s", kNumber)
                          .must("energy_J", kNumber)
@@ -97,6 +113,8 @@ const std::pair<const char*, Json (*)()> kReplies[] = {
      []() -> Json {
        return Object()
            .must("T_s", kNumber)
+           .must("feasible", kBoolean)
+           .must("reason", kText)
            .may("jerk_squared_integral_rad2_per_s5", kNumber)
            .may("acceleration_squared_integral_rad2_per_s3", kNumber)
            .may("jerk_squared_integral", kNumber)
@@ -119,19 +137,10 @@ const std::pair<const char*, Json (*)()> kReplies[] = {
      }},
     {"safety",
      []() -> Json {
-       return Object()
-           .must("feasible", kBoolean)
-           .must("reason", kText)
-           .must("safe", described({{"type", {"boolean", "null"}}}, "null: nobody can say, safe_reason tells why"))
-           .must("safe_reason", kText)
-           .must("T_s", kNumber)
-           .must("T_safe_s", described(kNumberOrNull,
-                                       "duration from which on the move is within the limits; null: contact is not permitted"))
-           .must("worst_part", kText)
-           .must("mass", {{"enum", {"larger", "effective"}}})
-           .must("load_kg", kNumber)
-           .must("effective", described(risk(), "worst_part with the effective mass of the frame"))
-           .must("iso_ts_15066", described(risk(), "worst_part with M/2 + m_L (ISO/TS 15066, A.3.4)"))
+       Object o;
+       o.must("feasible", kBoolean).must("reason", kText).must("T_s", kNumber);
+       for (const auto& [name, type] : of_safety()) o.must(name, type);
+       return o.may("pace", described({{"const", "safe"}}, "T_s is at least T_safe_s"))
            .may("parts", array_of(risk().must("part", kText).must("effective", risk()).must("iso_ts_15066", risk())))
            .may("heaviest", place())
            .may("fastest", place())
@@ -233,7 +242,7 @@ const std::pair<const char*, Json (*)()> kReplies[] = {
        Object o;
        o.must("status", {{"type", "string"}, {"enum", {"feasible", "best-effort", "infeasible"}}}).must("reason", kText);
        o.may("complete", described(kBoolean, "false: ended early by evaluations_max or limit_s"));
-       o.may("feasible", kBoolean).may("T_s", kNumber).may("cost", kNumber).may("costs", costs());
+       o.must("feasible", kBoolean).may("T_s", kNumber).may("cost", kNumber).may("costs", costs());
        o.may("quintic", Object()
                             .must("T_s", kNumber)
                             .must("feasible", kBoolean)
@@ -246,6 +255,7 @@ const std::pair<const char*, Json (*)()> kReplies[] = {
        o.may("device", described(kText, "that judged the particles, where a GPU was wanted: its name, or cpu"))
            .may("device_rounding", kNumber);
        o.may("evaluations", {{"type", "integer"}}).may("pruned", {{"type", "integer"}}).may("joints", peaks());
+       for (const auto& [name, type] : of_safety()) o.may(name, type);
        o.may("clear_of", clear_of())
            .may("history", kNumbers)
            .may("verification", verified())
@@ -253,6 +263,7 @@ const std::pair<const char*, Json (*)()> kReplies[] = {
        o.may("front", array_of(Object()
                                    .must("T_s", kNumber)
                                    .must("costs", costs())
+                                   .must("verdict", verdict())
                                    .may("motion", motion())
                                    .may("compliance", array_of(Object()
                                                                    .must("direction", kNumbers)
@@ -264,8 +275,12 @@ const std::pair<const char*, Json (*)()> kReplies[] = {
     {"grow",
      []() -> Json {
        const Json integer{{"type", "integer"}}, numbers_or_null = array_of(kNumberOrNull);
-       const Json motions =
-           array_of(Object().must("number", integer).must("T_s", kNumber).must("costs", costs()).must("motion", motion()));
+       const Json motions = array_of(Object()
+                                         .must("number", integer)
+                                         .must("T_s", kNumber)
+                                         .must("costs", costs())
+                                         .must("motion", motion())
+                                         .must("verdict", verdict()));
        Object quantiles;
        for (const char* p : {"0.05", "0.25", "0.5", "0.75", "0.95"}) quantiles.must(p, kNumber);
        const Json distribution =
@@ -319,6 +334,8 @@ schemas::Json reply_schema(const std::string& name) {
                              .must("effect", kText)
                              .must("file", kText)),
                 "what is unknown or assumed, and counts nevertheless");
+  reply["properties"]["verdict"] = verdict();
+  reply["required"].push_back("verdict");
   reply["properties"]["notes"] = described(array_of(kText), "what else the reader of the reply has to know");
   return reply;
 }

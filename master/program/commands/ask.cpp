@@ -12,7 +12,7 @@
 #include <tuple>
 
 #include "components/services/json/json.h"
-#include "components/services/json/tasks.h"
+#include "components/services/json/control/tasks.h"
 #include "master/program/commands/commands.h"
 #include "master/report/map.h"
 #include "master/services/motion_file.h"
@@ -31,7 +31,7 @@ namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
 struct AskArguments {
-  std::string service, robot = "lwr4", more, detail, table, schema, q_columns, device;
+  std::string service, robot = "lwr4", more, detail, table, schema, q_columns, device, require;
   std::vector<double> from, to;
   std::string angle_unit = "rad";
   std::optional<double> T;
@@ -150,6 +150,10 @@ Json request_of(const AskArguments& a, services::Robots& robots) {
     refuse_twice("--detail", {"detail"});
     request["detail"] = a.detail;
   }
+  if (!a.require.empty()) {
+    refuse_twice("--require", {"require"});
+    request["require"] = a.require;
+  }
   if (!a.device.empty()) {
     if (!takes("device"))
       throw Error("--device", "is given for the service " + a.service + ", expected it with grow or optimise");
@@ -175,6 +179,15 @@ std::string motion_of(const AskArguments& a, services::Robots& robots, Json requ
                                 : "the service " + a.service +
                                       " replies with no motion, expected feasibility, cycle_time, optimise or reactionless");
   return motion_file(reply["motion"].dump());
+}
+
+/// The reasons of a verdict that is not green.
+std::string why_not(const Json& reply) {
+  if (reply.contains("feasible") && reply["feasible"] == false) return "the move is not feasible: " + reply.value("reason", "");
+  std::string all;
+  for (const Json& finding : reply["verdict"]["findings"])
+    if (finding["says"] != "yes") text::append(all, finding["why"].get<std::string>(), "; ");
+  return all.empty() ? "its light is " + reply["verdict"]["light"].get<std::string>() : "the move is " + all;
 }
 
 int ask_one(const AskArguments& a, services::Robots& robots, services::Context context) {
@@ -207,10 +220,11 @@ int ask_one(const AskArguments& a, services::Robots& robots, services::Context c
   Json reply = Json::parse(services::answer_object(robots, request, context));
   if (a.particles) write_file(*a.particles, particles.str());
   if (rows) rows->commit();
-  if (a.motion && reply.contains("feasible") && reply["feasible"] == false) {
+  const std::string unmet = reply["verdict"].value("unmet", "");
+  if (!unmet.empty() || (a.motion && reply["verdict"]["light"] == "red")) {
     std::cout << reply.dump(2) << "\n";
-    std::cerr << "cotwin: --motion " << a.motion->string()
-              << ": not written, the move is not feasible: " << reply.value("reason", "") << "\n";
+    if (!unmet.empty()) std::cerr << "cotwin: the light is not the one that is required: " << unmet << "\n";
+    if (a.motion) std::cerr << "cotwin: --motion " << a.motion->string() << ": not written, " << why_not(reply) << "\n";
     return kExitRunFailed;
   }
   if (a.motion) write_file(*a.motion, motion_of(a, robots, request, reply, context));
@@ -232,7 +246,7 @@ int ask_files(const AskArguments& a, services::Robots& robots, const services::C
     if (!in) throw Error(file.string(), "cannot be read, expected a file with requests");
     const std::string content{std::istreambuf_iterator<char>(in), {}};
     // A table has room for verdicts.
-    const services::TaskDefaults defaults{a.robot, a.detail, file.parent_path(), !a.table.empty()};
+    const services::TaskDefaults defaults{a.robot, a.detail, file.parent_path(), !a.table.empty(), a.require};
     for (services::Task& task : services::read_tasks(content, file.string(), defaults)) tasks.push_back(std::move(task));
   }
   const std::vector<services::Row> rows = services::ask_all(robots, tasks, context);
@@ -240,11 +254,16 @@ int ask_files(const AskArguments& a, services::Robots& robots, const services::C
     std::cout << Json::parse(services::to_json(rows)).dump(2) << "\n";
   else
     std::cout << (a.table == "csv" ? services::to_csv(rows) : services::to_text_table(rows));
-  std::size_t refused = 0;
-  for (const services::Row& row : rows) refused += row.problem.empty() ? 0 : 1;
-  if (refused == 0) return kExitDone;
-  std::cerr << "cotwin: " << refused << " of " << rows.size() << " tasks could not be answered\n";
-  return kExitRunFailed;
+  std::size_t refused = 0, worse = 0;
+  for (const services::Row& row : rows) {
+    refused += row.problem.empty() ? 0 : 1;
+    const std::string unmet = services::unmet(row);
+    if (unmet.empty()) continue;
+    ++worse;
+    std::cerr << "cotwin: task " << row.task.name << " has not the light that is required: " << unmet << "\n";
+  }
+  if (refused > 0) std::cerr << "cotwin: " << refused << " of " << rows.size() << " tasks could not be answered\n";
+  return refused + worse == 0 ? kExitDone : kExitRunFailed;
 }
 
 /// Refuses options that would have no effect beside `chosen`.
@@ -255,6 +274,7 @@ void refuse_others(const AskArguments& a, const std::string& chosen, const std::
                                                 {"--duration", a.T.has_value()},
                                                 {"--with", !a.more.empty()},
                                                 {"--detail", !a.detail.empty()},
+                                                {"--require", !a.require.empty()},
                                                 {"--motion", !!a.motion},
                                                 {"--particles", !!a.particles},
                                                 {"--rows", !!a.rows},
@@ -304,11 +324,11 @@ int ask(const AskArguments& a) {
   else if (a.worker)
     refuse_others(a, "--worker", {"--robots", "--threads"});
   else if (!a.files.empty())
-    refuse_others(a, "--file", {"--detail", "--table", "--robots", "--threads"});
+    refuse_others(a, "--file", {"--detail", "--require", "--table", "--robots", "--threads"});
   else
     refuse_others(a, "SERVICE",
-                  {"--from", "--to", "--angle-unit", "--duration", "--with", "--detail", "--motion", "--particles", "--rows",
-                   "--map", "--device", "--series", "--q-columns", "--robots", "--threads"});
+                  {"--from", "--to", "--angle-unit", "--duration", "--with", "--detail", "--require", "--motion", "--particles",
+                   "--rows", "--map", "--device", "--series", "--q-columns", "--robots", "--threads"});
   if (!a.schema.empty()) {
     const std::vector<std::string> names = services::service_names();
     if (std::ranges::find(names, a.schema) == names.end())
@@ -359,6 +379,9 @@ void add_ask(CLI::App& app, Chosen& chosen) {
   command->add_option("--with", a.more, "Further members of the request as a JSON object, for example {\"degree\": 9}")
       ->type_name("JSON");
   command->add_option("--detail", a.detail, "How much the reply tells: verdict, margins, series or all")->type_name("LEVEL");
+  command
+      ->add_option("--require", a.require, "The worst light that will do, green or amber: with a worse one the exit code is 1")
+      ->type_name("LIGHT");
   command->add_option("--motion", a.motion, "Write the motion for unit:motion: parameters (SSV), of reactionless a table (CSV)")
       ->type_name("FILE");
   command->add_option("--particles", a.particles, "Write all motions that optimise tries as a table (CSV)")->type_name("FILE");

@@ -188,7 +188,8 @@ TEST(Assumptions, NameWhatFilesLeaveOutAndCallAssumed) {
   EXPECT_TRUE(reply["assumptions"][0]["value"].is_null());
   EXPECT_EQ(reply["assumptions"][0]["file"], "arm.urdf");
   EXPECT_THAT(listed(of("B=2;tau_C=1", Bench::move("feasibility", {{"dq_max_rad_per_s", {nullptr, 1}}}))), ElementsAre());
-  EXPECT_THAT(listed(of("sigma0=1", Bench::move("jerk", {{"T_s", 1}}))), ElementsAre());  // of the shape alone
+  EXPECT_THAT(listed(of("sigma0=1", Bench::move("jerk", {{"T_s", 1}}))),  // which judges the bounds, too
+              ElementsAre("inertia of motors of j1, j2", "friction", "limit of speed of j1, j2"));
 }
 
 // 29.104 kg of the URDF's links without the base: 14.552 kg, with the sternum's 40 kg and 25 N/mm: 0.5425 m/s at 280 N.

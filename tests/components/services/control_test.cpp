@@ -107,8 +107,10 @@ TEST(Control, ChoosesTheRowOfTheTable) {
     EXPECT_EQ(settled, answer_object(robots, quick));
     named.erase("choice");
     Json without = reply;
-    without.erase("choice");
-    EXPECT_EQ(without, ask(robots, named));
+    Json same = ask(robots, named);
+    for (Json* one : {&without, &same})
+      for (const char* own : {"choice", "verdict"}) one->erase(own);  // which has the deadline
+    EXPECT_EQ(without, same);
     seen.insert(row);
   };
   for (const auto& [members, row] : kMoves) expect(with(kMove, members), row);
@@ -253,8 +255,11 @@ TEST(Control, AnswersEachAudienceWithTheSameFigures) {
       Json request = request_of(service);
       if (!possible && service == "reach") request["poses"][0]["p_m"] = {3, 0, 0};
       if (!possible && service == "reactionless") {  // which would search long
-        const Json none{{"feasible", false}, {"reason", "no motion"}, {"T_s", 2}};
-        EXPECT_EQ(presented(service, "operator", false, Json(), none)["sentence"], "There is no such motion: no motion.");
+        Verdict verdict;
+        verdict.add(Of::kPoses, false, "no motion");
+        Json none{{"T_s", 2}};
+        verdict.tell(none);
+        EXPECT_EQ(presented(service, {"operator", false}, Json(), none)["sentence"], "There is no such motion: no motion.");
         continue;
       }
       // Beyond the limit of joint 1, which no duration mends.
@@ -262,7 +267,8 @@ TEST(Control, AnswersEachAudienceWithTheSameFigures) {
       if (!possible && (service == "payload" || service == "throughput")) request["T_s"] = 2;
       const Json brief = told(request, "operator"), plan = told(request, "planner"), all = told(request, "engineer");
       const std::string sentence = brief["sentence"], light = brief["light"];
-      EXPECT_EQ(brief.size(), 2u) << brief;
+      EXPECT_EQ(brief.size(), 3u) << brief;
+      EXPECT_EQ(brief["verdict"]["light"], light);
       EXPECT_THAT(sentence,
                   AllOf(Not(HasSubstr("unknown figure")), Not(HasSubstr("{")), Not(HasSubstr("[")), Not(HasSubstr("nan"))))
           << service;
@@ -290,7 +296,7 @@ TEST(Control, AnswersEachAudienceWithTheSameFigures) {
       for (const auto& [name, value] : engineer.items()) EXPECT_EQ(all[name], value) << service << " " << name;
       const Json verdict = told(request, "operator", "verdict");
       EXPECT_EQ(verdict["sentence"], sentence);
-      EXPECT_GT(verdict.size(), 2u);
+      EXPECT_GT(verdict.size(), 3u);
       EXPECT_FALSE(verdict.contains("figures"));
     }
   }
@@ -299,13 +305,14 @@ TEST(Control, AnswersEachAudienceWithTheSameFigures) {
 // Units by the place of a figure, at their borders.
 TEST(Control, WritesFiguresAsPeopleReadThem) {
   const auto figure = [](const char* place, double x) {
-    Json reply{{"feasible", true}, {"T_s", 1.0}, {"energy_J", 1.0}};
+    Json reply{{"T_s", 1.0}, {"energy_J", 1.0}};
+    Verdict().tell(reply);
     if (std::string(place) == "best") {
       reply["best"] = {{"T_s", x}, {"energy_J", 1}, {"saved_J", 1}};
     } else {
       reply[place] = x;
     }
-    const Json figures = presented("energy", "planner", false, Json(), reply)["figures"];
+    const Json figures = presented("energy", {"planner", false}, Json(), reply)["figures"];
     for (const Json& one : figures)
       if (one["value"] != 1.0) return one["text"].get<std::string>();
     return std::string("none");
@@ -320,17 +327,18 @@ TEST(Control, WritesFiguresAsPeopleReadThem) {
   EXPECT_EQ(figure("energy_J", 1e-12), "0 J");
   EXPECT_EQ(figure("energy_J", -1e-12), "0 J");
   EXPECT_EQ(figure("energy_J", 1e300).size(), 295 + std::string(" MJ").size());  // no exponent, whatever the figure
-  EXPECT_EQ(figure("price", 0.0000194), "0.0000194");
+  EXPECT_EQ(figure("price", 0.0000194), "0.0194 per 1000 moves");
+  EXPECT_EQ(figure("price", 0.01), "0.01");
+  EXPECT_EQ(figure("price", 0), "0");
   EXPECT_EQ(figure("price", 1234.56), "1235");
   EXPECT_EQ(figure("peak_power_W", 1500), "1.5 kW");
   EXPECT_EQ(figure("co2_kg", 0.0042), "4.2 g");
   EXPECT_EQ(figure("co2_kg", 4.2), "4.2 kg");
   EXPECT_EQ(figure("best", 2.5), "2.5 s");
-  const Json turned = presented("reaction", "operator", false, Json(),
-                                Json{{"feasible", true},
-                                     {"T_s", 2},
-                                     {"end", {{"turn_rad", -std::numbers::pi / 2}}},
-                                     {"worst", {{"turn", {{"turn_rad", std::numbers::pi}}}}}});
+  Json turned{
+      {"T_s", 2}, {"end", {{"turn_rad", -std::numbers::pi / 2}}}, {"worst", {{"turn", {{"turn_rad", std::numbers::pi}}}}}};
+  Verdict().tell(turned);
+  turned = presented("reaction", {"operator", false}, Json(), turned);
   EXPECT_THAT(turned["sentence"].get<std::string>(), AllOf(HasSubstr("by 180° at most"), HasSubstr("-90° at its end")));
 }
 
@@ -387,7 +395,7 @@ TEST(Chains, AreToldToTheirAudience) {
   };
   const Json brief = told("operator"), plan = told("planner"), all = told("engineer");
   EXPECT_EQ(brief["light"], "amber");
-  EXPECT_EQ(brief["sentence"], brief["steps"][3]["reply"]["sentence"]);  // the last of those with the worst light
+  EXPECT_EQ(brief["sentence"], brief["steps"][0]["reply"]["sentence"]);  // the first of those with the worst light
   EXPECT_FALSE(brief["steps"][0]["reply"].contains("T_s"));
   EXPECT_TRUE(plan["steps"][0]["reply"].contains("figures"));
   EXPECT_TRUE(all["steps"][0]["reply"].contains("motion"));

@@ -14,7 +14,7 @@
 #include <vector>
 
 #include "components/services/json/json.h"
-#include "components/services/json/tasks.h"
+#include "components/services/json/control/tasks.h"
 #include "components/unit/unit_table.h"
 #include "master/services/motion_file.h"
 #include "master/services/verify.h"
@@ -30,7 +30,9 @@ namespace fs = std::filesystem;
 using cotwin::services::Robots;
 using cotwin::testing::run_program;
 using nlohmann::json;
+using ::testing::AllOf;
 using ::testing::HasSubstr;
+using ::testing::Not;
 
 fs::path robots_folder() { return fs::path(cotwin::places::source()) / "models/robots"; }
 
@@ -214,7 +216,7 @@ TEST(Tasks, AreCrossedWithRobotsAndDoNotLoseOneAnother) {
   EXPECT_TRUE(all[3].contains("problem"));
   EXPECT_TRUE(all[4].contains("problem"));
   const std::string csv = cotwin::services::to_csv(rows);
-  EXPECT_THAT(csv, HasSubstr("task,robot,service,feasible,reason,T_s"));
+  EXPECT_THAT(csv, HasSubstr("task,robot,service,feasible,reason,verdict.light,T_s"));
   EXPECT_THAT(csv, HasSubstr("\n\"odd, \"\"one\"\"\",planar2,cycle_time,"));
   const std::string text = cotwin::services::to_text_table(rows);
   EXPECT_EQ(std::count(text.begin(), text.end(), '\n'), 6);
@@ -275,6 +277,16 @@ TEST(Tasks, FromFilesGiveATableAndAnExitCode) {
       run_program({"ask", "cycle_time", "--robot", "planar2", "--from", "0,0", "--to", "1,1", "--detail", "verdict"});
   EXPECT_EQ(request.code, 0) << request.err;
   EXPECT_EQ(run_program({"ask", "dance"}).code, 2);
+  // A light that is worse than required; tasks that say another one keep it.
+  std::ofstream(folder / "two.json")
+      << R"({"defaults":{"service":"cycle_time","from_q_rad":[0,0],"to_q_rad":[1,1]},"robots":["planar2"],
+      "tasks":[{"name":"a"},{"name":"b","require":"amber"}]})";
+  const auto required = run_program({"ask", "--file", folder / "two.json", "--require", "green"});
+  EXPECT_EQ(required.code, 1);
+  EXPECT_THAT(required.err,
+              AllOf(HasSubstr("task a has not the light that is required: The move takes"), Not(HasSubstr("task b"))));
+  EXPECT_EQ(run_program({"ask", "--file", folder / "two.json", "--require", "amber"}).code, 0);
+  EXPECT_EQ(run_program({"ask", "--file", folder / "two.json"}).code, 0);
 }
 
 TEST(MotionFile, IsNotWrittenForAMotionThatIsNotFeasible) {
@@ -293,6 +305,11 @@ TEST(MotionFile, IsNotWrittenForAMotionThatIsNotFeasible) {
   refused({"cycle_time"}, R"({"q_max_rad":[0.1,0.1]})");
   refused({"feasibility", "--duration", "0.001"}, R"({"tau_max_Nm":[0.001,0.001]})");
   refused({"optimise", "--duration", "0.001"}, R"({"tau_max_Nm":[0.001,0.001],"particles":8,"rounds":2})");
+  // Nor for one that the twin does not make, that is not safe, or that has not the light that is required.
+  refused({"optimise", "--duration", "2"}, R"({"particles":8,"rounds":2,"verify":true,"tracking_max_rad":1e-9})");
+  refused({"optimise", "--duration", "2"},
+          R"({"particles":8,"rounds":2,"cost":"safety","parts":"chest","contact":"quasi_static"})");
+  refused({"feasibility", "--duration", "2", "--require", "green"}, "{}");
 }
 
 TEST(MotionFile, IsWrittenWhateverTheReplyTells) {

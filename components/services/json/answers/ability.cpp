@@ -54,8 +54,9 @@ Json answer_manipulability(const Robot& robot, Reader& r, const Context& context
   const robot::Frame frame = read_frame(robot, r, "of the URDF; without it the end effector");
   if (!r.finish(context)) return {};
   const Plan p = plan_of(robot, m);
-  Json reply{
-      {"feasible", p.solution.status == optimisation::Status::kFeasible}, {"reason", p.solution.reason}, {"T_s", p.solution.T}};
+  Json reply;
+  verdict_of(p.solution).tell(reply);
+  reply["T_s"] = p.solution.T;
   add_notes(reply, m.notes);
   add_notes(reply, p.notes);
   Move timed = m;
@@ -90,16 +91,16 @@ Json answer_payload(const Robot& robot, Reader& r, const Context& context) {
                        "is missing, expected it: the shortest duration of the move leaves no torque for a payload");
   if (!r.finish(context)) return {};
   const Plan p = plan_of(robot, m);
-  const bool feasible = p.solution.status == optimisation::Status::kFeasible;
+  const Verdict verdict = verdict_of(p.solution);
   const LargestPayload found = largest_payload(robot.model, m, part);
-  const bool limited = feasible && std::isfinite(found.mass);
-  Json reply{{"feasible", feasible},
-             {"reason", p.solution.reason},
-             {"T_s", p.solution.T},
-             {"mass_kg", limited ? Json(found.mass) : Json(nullptr)}};
+  const bool limited = verdict.feasible() && std::isfinite(found.mass);
+  Json reply;
+  verdict.tell(reply);
+  reply["T_s"] = p.solution.T;
+  reply["mass_kg"] = limited ? Json(found.mass) : Json(nullptr);
   if (detail >= Detail::kMargins) reply["limiting"] = limited ? limiting_of(robot.model, {found.at}) : Json(nullptr);
   add_notes(reply, m.notes);
-  if (feasible && !limited) add_notes(reply, {"no bound of torque limits the payload"});
+  if (verdict.feasible() && !limited) add_notes(reply, {"no bound of torque limits the payload"});
   return reply;
 }
 
@@ -153,7 +154,10 @@ Json answer_reach(const Robot& robot, Reader& r, const Context& context) {
                      {"angle_rad", posture.angle},
                      {units.name("q", 0), posture.reached ? array_of(posture.q) : Json(nullptr)}});
   }
-  Json reply{{"feasible", reason.empty()}, {"reason", reason}};
+  Verdict verdict;
+  verdict.add(Of::kPoses, reason.empty(), reason);
+  Json reply;
+  verdict.tell(reply);
   if (detail >= Detail::kMargins) reply["poses"] = poses;
   return reply;
 }

@@ -61,6 +61,12 @@ Plan plan_of(const Robot& robot, const Move& m) {
   return p;
 }
 
+Verdict verdict_of(const optimisation::Solution& s) {
+  Verdict verdict;
+  verdict.add(Of::kBounds, s.status == optimisation::Status::kFeasible, s.reason);
+  return verdict;
+}
+
 Json answer_feasibility(const Robot& robot, Reader& r, const Context& context) {
   const MoveRequest m = read_move(robot, r, context, kAnyMotion);
   const Detail detail = read_detail(r);
@@ -70,11 +76,14 @@ Json answer_feasibility(const Robot& robot, Reader& r, const Context& context) {
   const Plan p = plan(robot.model, m);
   const optimisation::Solution& s = p.solution;
   const bool none = m.searched() && !feasible(p);
-  Json reply{{"feasible", feasible(p)},
-             {"reason", s.reason},
-             {"T_s", none ? Json(nullptr) : Json(s.T)},
-             {"limiting", limiting_of(robot.model, s.peaks)}};
-  if (clear && !none) (void)clear->judge(s.path, reply);
+  Verdict verdict = verdict_of(s);
+  Json found = Json::object();
+  if (clear && !none) clear->judge(s.path, found, verdict);
+  Json reply;
+  verdict.tell(reply);
+  reply["T_s"] = none ? Json(nullptr) : Json(s.T);
+  reply["limiting"] = limiting_of(robot.model, s.peaks);
+  reply.update(found);
   add_notes(reply, m.notes);
   add_notes(reply, p.notes);
   if (detail >= Detail::kMargins) reply["joints"] = peaks_of(robot.model, s.peaks);
@@ -96,18 +105,18 @@ Json answer_cycle_time(const Robot& robot, Reader& r, const Context& context) {
   std::optional<ClearOf> clear = ClearOf::read(robot, r, context, m.carried);
   if (!r.finish(context)) return {};
   const Plan p = plan(robot.model, m);
-  Json verdict{{"feasible", feasible(p)}, {"reason", p.solution.reason}};
-  if (clear && feasible(p)) (void)clear->judge(p.solution.path, verdict);
-  const bool possible = verdict["feasible"] == true;
+  Verdict verdict = verdict_of(p.solution);
+  Json found = Json::object();
+  if (clear && feasible(p)) clear->judge(p.solution.path, found, verdict);
+  const bool possible = verdict.feasible();
   const double T = p.solution.T;
-  Json reply{{"feasible", possible},
-             {"reason", verdict["reason"]},
-             {"T_s", possible ? Json(T) : Json(nullptr)},
-             {"T_cycle_s", possible ? Json(T + process) : Json(nullptr)},
-             {"moves_per_hour", possible ? Json(3600 / (T + process)) : Json(nullptr)},
-             {"limiting", limiting_of(robot.model, p.solution.peaks)}};
-  if (verdict.contains("clear_of")) reply["clear_of"] = verdict["clear_of"];
-  add_notes(reply, verdict.value("notes", std::vector<std::string>{}));
+  Json reply;
+  verdict.tell(reply);
+  reply["T_s"] = possible ? Json(T) : Json(nullptr);
+  reply["T_cycle_s"] = possible ? Json(T + process) : Json(nullptr);
+  reply["moves_per_hour"] = possible && p.moves() ? Json(3600 / (T + process)) : Json(nullptr);
+  reply["limiting"] = limiting_of(robot.model, p.solution.peaks);
+  reply.update(found);
   add_notes(reply, m.notes);
   add_notes(reply, p.notes);
   if (detail >= Detail::kMargins) reply["joints"] = peaks_of(robot.model, p.solution.peaks);
@@ -123,7 +132,8 @@ Json answer_torques(const Robot& robot, Reader& r, const Context& context) {
   const std::size_t samples = read_samples(r);
   if (!r.finish(context)) return {};
   const Plan p = plan_of(robot, m);
-  Json reply{{"T_s", p.solution.T}, {"feasible", feasible(p)}, {"reason", p.solution.reason}};
+  Json reply{{"T_s", p.solution.T}};
+  verdict_of(p.solution).tell(reply);
   add_notes(reply, m.notes);
   add_notes(reply, p.notes);
   const JointUnits units(robot.model);
@@ -175,15 +185,15 @@ Json answer_peak_power(const Robot& robot, Reader& r, const Context& context) {
   const Plan p = plan_of(robot, m);
   const PeakPower peak = peak_power(robot.model, at(m, p.solution.T));
   const auto extreme = [](const PeakPower::Extreme& e) { return Json{{"power_W", e.power}, {"t_s", e.t}}; };
-  const bool power_ok = bound == 0 || peak.drawn.power <= bound * (1 + 1e-9);
-  Json reply{
-      {"T_s", p.solution.T},
-      {"feasible", feasible(p) && power_ok},
-      {"reason", power_ok || !feasible(p) ? p.solution.reason
-                                          : "power " + text::to_text(peak.drawn.power, 6) + " W at " +
-                                                text::to_text(peak.drawn.t, 4) + " s, bound " + text::to_text(bound, 6) + " W"},
-      {"drawn", extreme(peak.drawn)},
-      {"returned", extreme(peak.returned)}};
+  Verdict verdict = verdict_of(p.solution);
+  if (bound > 0)
+    verdict.add(Of::kPower, peak.drawn.power <= bound * (1 + 1e-9),
+                "power " + text::to_text(peak.drawn.power, 6) + " W at " + text::to_text(peak.drawn.t, 4) + " s, bound " +
+                    text::to_text(bound, 6) + " W");
+  Json reply{{"T_s", p.solution.T}};
+  verdict.tell(reply);
+  reply["drawn"] = extreme(peak.drawn);
+  reply["returned"] = extreme(peak.returned);
   add_notes(reply, m.notes);
   add_notes(reply, p.notes);
   if (detail >= Detail::kMargins) {
@@ -218,11 +228,12 @@ Json answer_jerk(const Robot& robot, Reader& r, const Context& context) {
   const bool still = stands && !m.is_path() && std::ranges::all_of(m.c, [](double c) { return c == 0; });
   const double jerk = still ? 0 : p.jerk(), acceleration = still ? 0 : p.acceleration();
   const JointUnits units(robot.model);
-  Json reply{
-      {"T_s", p.solution.T},
-      {units.all_revolute() ? "jerk_squared_integral_rad2_per_s5" : "jerk_squared_integral", jerk},
-      {units.all_revolute() ? "acceleration_squared_integral_rad2_per_s3" : "acceleration_squared_integral", acceleration},
-      {"share_of_quintic", stands || !(reference.jerk() > 0) ? Json(nullptr) : Json(jerk / reference.jerk())}};
+  Json reply{{"T_s", p.solution.T}};
+  verdict_of(p.solution).tell(reply);
+  const bool turns = units.all_revolute();
+  reply[turns ? "jerk_squared_integral_rad2_per_s5" : "jerk_squared_integral"] = jerk;
+  reply[turns ? "acceleration_squared_integral_rad2_per_s3" : "acceleration_squared_integral"] = acceleration;
+  reply["share_of_quintic"] = stands || !(reference.jerk() > 0) ? Json(nullptr) : Json(jerk / reference.jerk());
   add_notes(reply, m.notes);
   add_notes(reply, p.notes);
   if (detail < Detail::kMargins) return reply;
@@ -282,21 +293,21 @@ Json answer_throughput(const Robot& robot, Reader& r, const Context& context) {
   if (!r.finish(context)) return {};
   const Plan p = plan_of(robot, m);
   const Throughput t = throughput(p.solution.T, slowest, process);
-  const auto figure = [&](double x) { return feasible(p) ? Json(x) : Json(nullptr); };
-  Json reply{{"feasible", feasible(p)},
-             {"reason", p.solution.reason},
-             {"T_move_s", t.T_move},
-             {"T_settle_s", t.T_settle},
-             {"T_process_s", t.T_process},
-             {"T_cycle_s", figure(t.T_cycle)},
-             {"moves_per_hour", figure(t.per_hour)}};
+  const auto figure = [&](double x, bool exists = true) { return feasible(p) && exists ? Json(x) : Json(nullptr); };
+  Json reply;
+  verdict_of(p.solution).tell(reply);
+  reply["T_move_s"] = t.T_move;
+  reply["T_settle_s"] = t.T_settle;
+  reply["T_process_s"] = t.T_process;
+  reply["T_cycle_s"] = figure(t.T_cycle);
+  reply["moves_per_hour"] = figure(t.per_hour, p.moves());
   add_notes(reply, m.notes);
   add_notes(reply, p.notes);
   if (detail >= Detail::kMargins) {
     const Throughput stiff = throughput(p.solution.T, 0, process);
     reply["axes_T_settle_s"] = settle;
-    reply["stiff_moves_per_hour"] = figure(stiff.per_hour);
-    reply["lost_share"] = figure(1 - t.per_hour / stiff.per_hour);
+    reply["stiff_moves_per_hour"] = figure(stiff.per_hour, p.moves());
+    reply["lost_share"] = figure(1 - t.per_hour / stiff.per_hour, p.moves());
   }
   return reply;
 }

@@ -1,4 +1,6 @@
 #pragma once
+#include "components/services/contact_service.h"
+#include "components/services/json/verdict.h"
 #include "components/services/json/move_json.h"
 #include "components/services/verification.h"
 
@@ -9,6 +11,8 @@ namespace cotwin::services {
 
 /// plan(), or a RequestError where no duration is possible.
 Plan plan_of(const Robot& robot, const Move& move);
+/// With the finding on the bounds.
+Verdict verdict_of(const optimisation::Solution& solution);
 
 Json answer_feasibility(const Robot&, Reader&, const Context&);
 Json answer_cycle_time(const Robot&, Reader&, const Context&);
@@ -36,5 +40,12 @@ VerificationOptions read_verification(const Robot& robot, Reader& r);
 /// twin.
 Json verification_json(const Robot& robot, const Move& move, double T, const VerificationOptions& options,
                        const Context& context, Detail detail);
+/// The finding on persons of a motion.
+void judge_persons(const Robot& robot, const PathSafety& safety, Verdict& verdict);
+/// The same, and the members safe to iso_ts_15066.
+void add_safety(const Robot& robot, const Move& move, const ContactOptions& options, const PathSafety& safety, Json& reply,
+                Verdict& verdict);
+/// The finding of the twin.
+void add_twin(const Json& verification, Verdict& verdict);
 
 }  // namespace cotwin::services

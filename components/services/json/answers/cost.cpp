@@ -42,17 +42,16 @@ ContactOptions read_contact_options(const Robot& robot, Reader& r) {
   return o;
 }
 
-/// The move with its duration, and the plan's verdict as the first members of the reply. An error where no duration is possible.
-Move planned(const Robot& robot, const MoveRequest& request, Json& reply) {
+/// The move with its duration, and the plan's verdict, also as the first members of the reply. An error where no duration is possible.
+Move planned(const Robot& robot, const MoveRequest& request, Json& reply, Verdict& verdict) {
   Move m = request;
   const Plan p = plan(robot.model, m);
   const optimisation::Solution& s = p.solution;
-  const bool feasible = s.status == optimisation::Status::kFeasible;
-  if (m.searched() && !feasible)
+  verdict = verdict_of(s);
+  if (m.searched() && !verdict.feasible())
     throw RequestError("", "no duration of the move can be given (" + s.reason + "), expected T_s or other bounds");
   m.T = s.T;
-  reply["feasible"] = feasible;
-  reply["reason"] = s.reason;
+  verdict.tell(reply);
   add_notes(reply, request.notes);
   add_notes(reply, p.notes);
   return m;
@@ -78,7 +77,47 @@ std::string too_fast(const PartRisk& p) {
          " m/s by M/2 + load = " + number(p.simple.mass) + " kg (ISO/TS 15066, A.3.4)";
 }
 
+const PartRisk& worst_of(const PathSafety& s) {
+  return *std::ranges::max_element(s.parts, {}, [](const PartRisk& p) { return p.decisive.share; });
+}
+
 }  // namespace
+
+void judge_persons(const Robot& robot, const PathSafety& s, Verdict& verdict) {
+  const PartRisk& worst = worst_of(s);
+  const MassRisk& m = worst.decisive;
+  const auto number = [](double x) { return text::to_text(x, 3); };
+  const std::string unknown = unknown_motors(robot);
+  if (s.safe && unknown.empty()) return verdict.add(Of::kPersons, Says::kYes);
+  if (s.safe) return verdict.add(Of::kPersons, Says::kUnknown, "slow enough beside a person as far as is known: " + unknown);
+  std::string at = "the " + worst.name;
+  std::ranges::replace(at, '_', ' ');
+  if (!(m.limit > 0))
+    return verdict.add(Of::kPersons, Says::kNo,
+                       "not slow enough beside a person at any speed: contact with " + at + " is not permitted");
+  const std::string other = std::isfinite(m.T_safe) ? ", the limits ask for " + number(m.T_safe) + " s" : "";
+  verdict.add(Of::kPersons, Says::kNo,
+              "not slow enough beside a person" + other + ": " + number(m.speed) + " m/s at " + at + ", " + number(m.limit) +
+                  " allowed");
+}
+
+void add_safety(const Robot& robot, const Move& m, const ContactOptions& o, const PathSafety& s, Json& reply,
+                Verdict& verdict) {
+  judge_persons(robot, s, verdict);
+  double load = o.load;
+  for (const robot::Payload& payload : m.loads.payloads) load += payload.part.inertia.mass;
+  const PartRisk& worst = worst_of(s);
+  const std::string unknown = unknown_motors(robot);
+  reply.update(Json{{"safe", unknown.empty() ? Json(s.safe) : Json(nullptr)},
+                    {"safe_reason", unknown.empty() && s.safe ? "" : too_fast(worst) + (unknown.empty() ? "" : ": " + unknown)},
+                    {"T_s", s.T},
+                    {"T_safe_s", finite(worst.decisive.T_safe)},
+                    {"worst_part", worst.name},
+                    {"mass", o.only_effective ? "effective" : "larger"},
+                    {"load_kg", load},
+                    {"effective", risk_json(worst.effective)},
+                    {"iso_ts_15066", risk_json(worst.simple)}});
+}
 
 Json answer_energy(const Robot& robot, Reader& r, const Context& context) {
   const MoveRequest m = read_move(robot, r, context, kAnyMotion);
@@ -100,11 +139,14 @@ Json answer_energy(const Robot& robot, Reader& r, const Context& context) {
   const MotionCost c = energy_of(robot, m, options);
   const energetics::EnergyBooks& b = c.energy.books;
   const optimisation::Solution& s = c.plan.solution;
-  Json reply{{"T_s", s.T},
-             {"feasible", s.status == optimisation::Status::kFeasible},
-             {"reason", s.reason},
-             {"boundary", c.with_drives ? "mains" : "joints"},
-             {"energy_J", c.with_drives ? c.total() : sum(b.mechanical_positive)}};
+  Json reply{{"T_s", s.T}};
+  verdict_of(s).tell(reply);
+  reply["boundary"] = c.with_drives ? "mains" : "joints";
+  reply["energy_J"] = c.with_drives ? c.total() : sum(b.mechanical_positive);
+  if (options.cycle > 0) {
+    reply["cycle_s"] = options.cycle;
+    reply["move_J"] = c.total() - c.waiting_energy;
+  }
   add_notes(reply, m.notes);
   add_notes(reply, c.plan.notes);
   if (c.with_drives) {
@@ -175,7 +217,8 @@ Json answer_effective_mass(const Robot& robot, Reader& r, const Context& context
   const ContactOptions o = read_contact_options(robot, r);
   if (!r.finish(context)) return {};
   Json reply = Json::object();
-  const PathMasses masses = masses_along(robot.model, planned(robot, m, reply), o);
+  Verdict verdict;
+  const PathMasses masses = masses_along(robot.model, planned(robot, m, reply, verdict), o);
   reply.update(Json{{"T_s", masses.T}, {"lightest", place(masses.lightest)}, {"heaviest", place(masses.heaviest)}});
   if (detail >= Detail::kMargins) {
     reply["fastest"] = place(masses.fastest);
@@ -191,22 +234,27 @@ Json answer_safety(const Robot& robot, Reader& r, const Context& context) {
   const Detail detail = read_detail(r);
   ContactOptions o = read_contact_options(robot, r);
   read_body_parts(robot, r, o, "body parts or regions");
+  const bool safe_pace = r.word("pace", {"bounds", "safe"},
+                                "without T_s: the shortest duration within the bounds, or one that is also slow enough "
+                                "beside a person") == "safe";
+  for (const char* own : {"T_s", "series", "waypoints"})
+    if (safe_pace && r.gives(own))
+      throw RequestError("/pace", std::string("is safe beside ") + own + ", expected one of them: safe asks for a duration");
   if (!r.finish(context)) return {};
   Json reply = Json::object();
-  const PathSafety s = safety_along(robot.model, planned(robot, m, reply), o);
-  double load = o.load;
-  for (const robot::Payload& payload : m.loads.payloads) load += payload.part.inertia.mass;
-  const PartRisk& worst = *std::ranges::max_element(s.parts, {}, [](const PartRisk& p) { return p.decisive.share; });
-  const std::string unknown = unknown_motors(robot);
-  reply.update(Json{{"safe", unknown.empty() ? Json(s.safe) : Json(nullptr)},
-                    {"safe_reason", unknown.empty() && s.safe ? "" : too_fast(worst) + (unknown.empty() ? "" : ": " + unknown)},
-                    {"T_s", s.T},
-                    {"T_safe_s", finite(worst.decisive.T_safe)},
-                    {"worst_part", worst.name},
-                    {"mass", o.only_effective ? "effective" : "larger"},
-                    {"load_kg", load},
-                    {"effective", risk_json(worst.effective)},
-                    {"iso_ts_15066", risk_json(worst.simple)}});
+  Verdict verdict;
+  Move timed = planned(robot, m, reply, verdict);
+  PathSafety s = safety_along(robot.model, timed, o);
+  if (safe_pace) {
+    reply["pace"] = "safe";
+    if (const double T = worst_of(s).decisive.T_safe * (1 + 1e-12); T > s.T && T <= kLongest) {
+      timed.T = T;
+      verdict = verdict_of(plan(robot.model, timed).solution);
+      s = safety_along(robot.model, timed, o);
+    }
+  }
+  add_safety(robot, timed, o, s, reply, verdict);
+  verdict.tell(reply);
   if (detail >= Detail::kMargins) {
     Json parts = Json::array();
     for (const PartRisk& p : s.parts) {

@@ -179,6 +179,8 @@ std::vector<double> standard_ranges(const PostureSet& from, const PostureSet& to
 
 Json motions_json(const Robot& robot, const Problem& p, const std::vector<Particle>& particles) {
   Json all = Json::array();
+  Verdict verdict;  // only feasible ones are told
+  verdict.add(Of::kBounds, Says::kYes);
   for (const Particle& particle : particles) {
     Move move;
     move.from_q = particle.q_from;
@@ -189,6 +191,7 @@ Json motions_json(const Robot& robot, const Problem& p, const std::vector<Partic
                    {"T_s", particle.T},
                    {"costs", costs_json(p, particle.costs)},
                    {"motion", motion_of(robot, move, particle.T)}});
+    verdict.tell_findings(all.back());
   }
   return all;
 }
@@ -336,17 +339,20 @@ Json answer_grow(const Robot& robot, Reader& r, const Context& context) {
   } else {
     h = optimisation::grow(p, o, context.threads);
   }
-  Json reply{{"feasible", h.feasible > 0},
-             {"reason", none ? "no place of the grid is reached within the bounds of position" : ""},
-             {"motions", h.motions},
-             {"feasible_motions", h.feasible},
-             {"forbidden", forbidden_json(robot.model, h.forbidden, h.motions)}};
+  const Json forbidden = forbidden_json(robot.model, h.forbidden, h.motions);
+  std::string reason = "no place of the grid is reached within the bounds of position";
   if (h.feasible == 0 && !none) {
-    const Json& most = reply["forbidden"][0];
-    reply["reason"] = "none of " + std::to_string(h.motions) + " motions keeps the bounds; " +
-                      most["bound"].get<std::string>() + " of joint " + most["joint"].get<std::string>() + " forbids " +
-                      most["motions"].dump();
+    const Json& most = forbidden[0];
+    reason = "none of " + std::to_string(h.motions) + " motions keeps the bounds; " + most["bound"].get<std::string>() +
+             " of joint " + most["joint"].get<std::string>() + " forbids " + most["motions"].dump();
   }
+  Verdict verdict;
+  verdict.add(none ? Of::kPoses : Of::kBounds, h.feasible > 0, reason);
+  Json reply;
+  verdict.tell(reply);
+  reply["motions"] = h.motions;
+  reply["feasible_motions"] = h.feasible;
+  reply["forbidden"] = forbidden;
   for (std::size_t term = 0; term < p.costs.size(); ++term) {
     Json own = distribution_json(h.costs[term], detail);
     if (detail >= Detail::kMargins && !own.is_null()) own["best"] = motions_json(robot, p, h.best[term]);

@@ -28,19 +28,19 @@ using optimisation::SearchOptions;
 using optimisation::Solution;
 using optimisation::Status;
 
-/// The frame of the costs effective_mass and safety.
-void read_contact(const Robot& robot, Reader& r, Problem& p) {
+/// The frame of the costs effective_mass and safety; of the latter what judges a motion.
+std::optional<ContactOptions> read_contact(const Robot& robot, Reader& r, Problem& p) {
   const bool safety = has_cost(p, Quantity::kSafety);
   const bool contact = safety || has_cost(p, Quantity::kMass);
   for (const char* name : {"frame", "direction", "motors"}) r.only_if(contact, name, "the cost effective_mass or safety");
   for (const char* name : {"parts", "contact", "contact_area_m2", "load_kg", "mass"})
     r.only_if(safety, name, "the cost safety");
-  if (!contact && !r.describes()) return;
+  if (!contact && !r.describes()) return {};
   ContactOptions o =
       read_contact_frame(robot, r, "of the costs effective_mass and safety; without it the end effector",
                          "in the axes of the base; without it along the velocity", "whether the inertias of the motors count");
   if (safety || r.describes()) read_body_parts(robot, r, o, "of the cost safety");
-  if (r.describes()) return;
+  if (r.describes()) return {};
   for (const robot::BodyPart& part : o.parts)
     if (!((o.transient ? part.transient : part.quasi_static).on(o.area) > 0))
       throw RequestError(r.pointer("parts"),
@@ -57,6 +57,7 @@ void read_contact(const Robot& robot, Reader& r, Problem& p) {
   for (const robot::Payload& payload : p.loads.payloads) load += payload.part.inertia.mass;
   if (safety && !o.only_effective) frame.least_mass = robot::simple_effective_mass(robot::moving_mass(robot.model), load);
   p.contact = frame;
+  return safety ? std::optional(o) : std::nullopt;
 }
 
 /// Progress in steps of one percent: the rounds of all searches up to `most` of the work, finish() the rest.
@@ -185,29 +186,63 @@ std::string make_clear(ClearOf& clear, const Problem& p, const Candidates& candi
            " cheaper motions that were found are not clear (the cheapest one: " + clear.reason(verdict) +
            "); this one was not refined";
   }
+  if (s.status == Status::kFeasible) s.reason = clear.reason(verdict);
   s.status = Status::kInfeasible;
-  s.reason = clear.reason(verdict);
   return "none of " + std::to_string(touching) + " motions that were found is clear";
 }
 
+/// Whether the motion keeps the bounds, and its compliance misses a condition.
+bool of_compliance(const Solution& s) { return s.reason.starts_with("compliance:"); }
+
+/// A search that has ended early and found nothing does not know.
+void add_search(bool complete, Verdict& verdict) {
+  if (complete) return verdict.add(Of::kSearch, Says::kYes);
+  const bool found = verdict.feasible();
+  verdict.add(Of::kSearch, found ? Says::kYes : Says::kUnknown,
+              std::string("the search has ended early") + (found ? ", a better motion may exist" : ", a motion may exist"));
+}
+
+/// `touching`: motions that are left out, because they are not clear; of less than 0 nothing was to be kept clear of.
 Json front_of(const Robot& robot, const Move& m, const Problem& p, const std::vector<optimisation::Round::Particle>& particles,
-              bool complete, Detail detail) {
+              const std::optional<ContactOptions>& contact, std::ptrdiff_t touching, bool complete, Detail detail) {
   Json front = Json::array();
+  std::optional<Finding> persons;  // of the best motion
   for (const auto& particle : particles) {
     Move found = m;
     found.degree = p.degree;
     found.c = particle.c;
     found.to_q = particle.q_to;
     Json one{{"T_s", particle.T}, {"costs", costs_json(p, particle.costs)}};
+    Verdict verdict;
+    verdict.add(Of::kBounds, Says::kYes);
+    if (touching >= 0) verdict.add(Of::kClearOf, Says::kYes);
+    if (contact) {
+      found.T = particle.T;
+      judge_persons(robot, safety_along(robot.model, found, *contact), verdict);
+      const Finding& own = verdict.findings().back();
+      if (!persons || own.says == Says::kYes || persons->says == Says::kNo) persons = own;
+    }
+    verdict.tell_findings(one);
     if (p.compliant) one["compliance"] = axes_json(p, particle.compliance);
     if (detail >= Detail::kMargins) one["motion"] = motion_of(robot, found, particle.T);
     front.push_back(one);
   }
   const bool some = !front.empty();
-  return {{"status", some ? "feasible" : "infeasible"},
-          {"reason", some ? "" : "no motion within the bounds was found, expected a longer T_max_s or other bounds"},
-          {"complete", complete},
-          {"front", front}};
+  Verdict verdict;
+  verdict.add(Of::kBounds, some || touching > 0,
+              "no motion within the bounds was found, expected a longer T_max_s or other bounds");
+  if (touching > 0 || (some && touching == 0))
+    verdict.add(Of::kClearOf, some, "none of " + std::to_string(touching) + " motions that were found is clear");
+  if (persons && persons->says == Says::kNo)
+    persons->why =
+        "none of " + text::counted(static_cast<long long>(front.size()), "motion") + " is slow enough beside a person";
+  if (persons) verdict.add(Of::kPersons, persons->says, persons->why);
+  add_search(complete, verdict);
+  Json reply{{"status", some ? "feasible" : "infeasible"}};
+  verdict.tell(reply);
+  reply["complete"] = complete;
+  reply["front"] = std::move(front);
+  return reply;
 }
 
 }  // namespace
@@ -242,7 +277,7 @@ Json answer_optimise(const Robot& robot, Reader& r, const Context& context) {
   if (!p.compliant &&
       std::ranges::any_of(p.costs, [](const CostTerm& t) { return optimisation::needs_compliance(t.quantity); }))
     throw RequestError("/cost", "is cycle_time or stiffness, but no compliance is searched, expected compliance with axes");
-  read_contact(robot, r, p);
+  const std::optional<ContactOptions> contact = read_contact(robot, r, p);
   refuse_unused(robot, r, rule, verify);
   r.only_if(r.describes() || p.ends.at_rest_at_end(), "settle_s", "a move that ends at rest");
   std::optional<ClearOf> clear = ClearOf::read(robot, r, context, m.carried);
@@ -288,14 +323,17 @@ Json answer_optimise(const Robot& robot, Reader& r, const Context& context) {
                                                               context.threads, &complete)
                          : optimisation::pareto_front(p, directions, options, context.threads, &complete);
     progress.finish();
+    std::ptrdiff_t touching = clear ? 0 : -1;
     if (clear) {
-      const std::size_t touching = std::erase_if(particles, [&](const optimisation::Round::Particle& one) {
+      touching = std::ssize(particles);
+      std::erase_if(particles, [&](const optimisation::Round::Particle& one) {
         return !clear->check(optimisation::assess(p, one.c, one.q_to, one.T, one.compliance).path).clear;
       });
+      touching -= std::ssize(particles);
       if (touching > 0)
         notes.push_back(std::to_string(touching) + " motions of the front are left out, because they are not clear");
     }
-    Json reply = front_of(robot, m, p, particles, complete, detail);
+    Json reply = front_of(robot, m, p, particles, contact, touching, complete, detail);
     add_notes(reply, notes);
     tell(reply);
     return reply;
@@ -308,6 +346,8 @@ Json answer_optimise(const Robot& robot, Reader& r, const Context& context) {
                : end                ? optimisation::minimise_to_pose(p, *end->kinematics, end->target, options, context.threads)
                                     : optimisation::minimise(p, options, context.threads);
   options.limit -= std::chrono::duration<double>(std::chrono::steady_clock::now() - begun).count();
+  bool within = s.status == Status::kFeasible || of_compliance(s);
+  const std::string beyond = s.reason;
   std::string dropped;
   if (clear) dropped = make_clear(*clear, p, candidates, s);
   Solution quintic = quintic_of(p, s, lexicographic ? std::optional(tolerance) : std::nullopt, options);
@@ -322,45 +362,45 @@ Json answer_optimise(const Robot& robot, Reader& r, const Context& context) {
     const bool complete = s.complete;
     s = quintic;
     s.complete = complete;
+    within = true;
   }
+  Verdict verdict;
+  verdict.add(Of::kBounds, within, beyond);
   Move found = m;
   found.degree = s.degree;
   found.c = s.c;
   found.to_q = s.q_to;
-  Json reply{{"status", optimisation::to_text(s.status)},
-             {"feasible", s.status == Status::kFeasible},
-             {"reason", s.reason},
-             {"complete", s.complete},
-             {"T_s", s.T},
-             {"cost", s.cost},
-             {"costs", costs_json(p, s.costs)},
-             {"quintic",
-              {{"T_s", quintic.T},
-               {"feasible", quintic.status == Status::kFeasible},
-               {"reason", quintic.reason},
-               {"cost", quintic.cost},
-               {"costs", costs_json(p, quintic.costs)}}},
-             {"saved_share", share_of(s.cost, quintic.cost, quintic)},
-             {"saved_shares", shares_of(p, s, quintic)},
-             {"limiting", limiting_of(robot.model, s.peaks)},
-             {"motion", motion_of(robot, found, s.T)}};
-  if (clear) (void)clear->judge(s.path, reply);
+  Json reply{{"status", optimisation::to_text(s.status)}};
+  verdict.tell(reply);
+  reply.update(Json{{"complete", s.complete},
+                    {"T_s", s.T},
+                    {"cost", s.cost},
+                    {"costs", costs_json(p, s.costs)},
+                    {"quintic",
+                     {{"T_s", quintic.T},
+                      {"feasible", quintic.status == Status::kFeasible},
+                      {"reason", quintic.reason},
+                      {"cost", quintic.cost},
+                      {"costs", costs_json(p, quintic.costs)}}},
+                    {"saved_share", share_of(s.cost, quintic.cost, quintic)},
+                    {"saved_shares", shares_of(p, s, quintic)},
+                    {"limiting", limiting_of(robot.model, s.peaks)},
+                    {"motion", motion_of(robot, found, s.T)}});
+  if (clear) clear->judge(s.path, reply, verdict);
   if (!dropped.empty()) notes.push_back(dropped);
   add_notes(reply, notes);
   tell(reply);
   if (p.T_min < p.T_max)
     if (const std::string note = creeping(p, s); !note.empty()) add_notes(reply, {note});
   if (end && !end->has_freedom) add_notes(reply, {"to_pose leaves the joints no freedom: the end posture is the given one"});
-  if (p.compliant) reply["compliance"] = compliance_json(p, s);
-  if (compliance) {
-    reply["compliance"] = compliance_json(*compliance, s.T, options.seed);
-    if (reply["feasible"] == true && reply["compliance"]["feasible"] == false) {
-      reply["feasible"] = false;
-      reply["reason"] = "compliance: " + reply["compliance"]["reason"].get<std::string>();
-    }
+  if (p.compliant) {
+    reply["compliance"] = compliance_json(p, s);
+    verdict.add(Of::kCompliance, !of_compliance(s), s.reason);
   }
-  if (reply["feasible"] == false && reply.contains("compliance"))
-    for (const char* figure : {"T_cycle_s", "moves_per_hour"}) reply["compliance"][figure] = nullptr;
+  if (compliance) {
+    const Json own = reply["compliance"] = compliance_json(*compliance, s.T, options.seed);
+    verdict.add(Of::kCompliance, own["feasible"] == true, "compliance: " + own["reason"].get<std::string>());
+  }
   if (detail >= Detail::kMargins) {
     reply["evaluations"] = evaluations;
     reply["pruned"] = s.pruned;
@@ -371,8 +411,17 @@ Json answer_optimise(const Robot& robot, Reader& r, const Context& context) {
     Json twin = verification_json(robot, found, s.T, verification, context, detail);
     add_notes(reply, twin.value("notes", std::vector<std::string>{}));
     twin.erase("notes");
+    add_twin(twin, verdict);
     reply["verification"] = std::move(twin);
   }
+  if (!verdict.feasible() && reply.contains("compliance"))
+    for (const char* figure : {"T_cycle_s", "moves_per_hour"}) reply["compliance"][figure] = nullptr;
+  if (contact) {
+    found.T = s.T;
+    add_safety(robot, found, *contact, safety_along(robot.model, found, *contact), reply, verdict);
+  }
+  add_search(s.complete, verdict);
+  verdict.tell(reply);
   progress.finish();
   return reply;
 }

@@ -80,9 +80,9 @@ Json series_of(const std::vector<BaseAt>& all) {
 }
 
 /// The verdict: bounds of position and its derivatives as on a fixed base, torques as on the floating one.
-void add_verdict(const Robot& robot, const optimisation::Judgement& found, Detail detail, Json& reply) {
-  reply["feasible"] = found.reason.empty();
-  reply["reason"] = found.reason;
+void add_verdict(const Robot& robot, const optimisation::Judgement& found, Verdict verdict, Detail detail, Json& reply) {
+  verdict.add(Of::kBounds, found.reason.empty(), found.reason);
+  verdict.tell(reply);
   reply["limiting"] = limiting_of(robot.model, found.peaks);
   if (detail >= Detail::kMargins) reply["joints"] = peaks_of(robot.model, found.peaks);
 }
@@ -148,7 +148,7 @@ Json answer_reaction(const Robot& robot, Reader& r, const Context& context) {
   const Reaction found = reaction(model, path, o);
   reply["T_s"] = path.end() - path.begin();
   const optimisation::Bounds bounds = optimisation::bounds_of(robot.model, m.bounds);
-  add_verdict(robot, optimisation::judge(robot.model, bounds, path, found.torques), detail, reply);
+  add_verdict(robot, optimisation::judge(robot.model, bounds, path, found.torques), {}, detail, reply);
   add_reaction(found, o, detail, reply);
   return reply;
 }
@@ -225,12 +225,12 @@ Json answer_reactionless(const Robot& robot, Reader& r, const Context& context) 
   run(T, std::clamp(static_cast<int>(std::ceil(T / 0.001 - 1e-6)), kFewest, kMost), o);
   Json reply;
   reply["T_s"] = T;
-  add_verdict(robot, judgement, detail, reply);
-  if (!motion.reached()) {
-    reply["feasible"] = false;
-    reply["reason"] = "the goal is not reached: " + text::to_text(motion.distance(), 3) + " m and " +
-                      text::to_text(motion.angle(), 3) + " rad are left, expected a goal within reach of the free robot";
-  }
+  Verdict verdict;
+  verdict.add(Of::kPoses, motion.reached(),
+              "the goal is not reached: " + text::to_text(motion.distance(), 3) + " m and " + text::to_text(motion.angle(), 3) +
+                  " rad are left, expected a goal within reach of the free robot");
+  verdict.add(Of::kBase, motion.obstacle().empty(), motion.obstacle());
+  add_verdict(robot, judgement, verdict, detail, reply);
   reply["reactionless"] = motion.obstacle().empty();
   reply["to_go"] = {{"distance_m", motion.distance()}, {"angle_rad", motion.angle()}};
   const std::vector<double> last(series.x.end() - static_cast<std::ptrdiff_t>(n), series.x.end()), rest(2 * n);
@@ -311,10 +311,14 @@ Json answer_grow_reactionless(const Robot& robot, Reader& r, const Context& cont
   } catch (const optimisation::NoReactionlessMotion& e) {
     throw RequestError("/constraint", std::string("is base, but ") + e.what());
   }
-  Json reply{{"feasible", time.count() > 0}, {"reason", ""}, {"motions", motions}, {"feasible_motions", time.count()}};
+  Verdict verdict;
+  verdict.add(Of::kBounds, time.count() > 0,
+              "none of " + std::to_string(motions) + " motions keeps the joints within their limits");
+  Json reply;
+  verdict.tell(reply);
+  reply["motions"] = motions;
+  reply["feasible_motions"] = time.count();
   reply["forbidden"] = forbidden_json(p.robot, forbidden, motions);
-  if (time.count() == 0)
-    reply["reason"] = "none of " + std::to_string(motions) + " motions keeps the joints within their limits";
   reply["costs"] = {{"time_s", distribution_json(time, detail)}, {"distance_m", distribution_json(distance, detail)}};
   reply["ends"] = {{"least_m", array_of(least)}, {"most_m", array_of(most)}};
   add_notes(reply, m.notes);

@@ -56,6 +56,10 @@ Json verification_json(const Robot& robot, const Move& m, double T, const Verifi
   return reply;
 }
 
+void add_twin(const Json& verification, Verdict& verdict) {
+  verdict.add(Of::kTwin, verification["feasible"] == true, verification["reason"].get<std::string>());
+}
+
 Json answer_verify(const Robot& robot, Reader& r, const Context& context) {
   const MoveRequest m = read_move(robot, r, context, {.in_motion = true});
   const Detail detail = read_detail(r);
@@ -65,7 +69,10 @@ Json answer_verify(const Robot& robot, Reader& r, const Context& context) {
   if (!r.finish(context)) return {};
   const Plan p = plan_of(robot, m);
   Json reply = verification_json(robot, m, p.solution.T, options, context, detail);
-  if (clear) (void)clear->judge(p.solution.path, reply);
+  Verdict verdict = verdict_of(p.solution);
+  add_twin(reply, verdict);
+  if (clear) clear->judge(p.solution.path, reply, verdict);
+  verdict.tell(reply);
   add_notes(reply, m.notes);
   add_notes(reply, p.notes);
   return reply;

@@ -81,13 +81,15 @@ void settle(Json& request, const std::function<void(Json&, const std::string&)>&
     return choose(request);
   }
   for (const auto& [name, unused] : request.items())
-    if (name != "steps" && name != "defaults" && name != "audience")
+    if (name != "steps" && name != "defaults" && name != "audience" && name != "require")
       throw RequestError("/" + pointer_part(name.substr(0, 40)),
-                         "is no member of a chain, expected steps, defaults or audience; members of all steps are in defaults");
-  Reader r(request);
-  if (request.contains("audience")) (void)r.word("audience", kAudiences);
+                         "is no member of a chain, expected steps, defaults, audience or require; members of all steps are in "
+                         "defaults");
+  (void)audience_of(request, false);
   const Json defaults = request.value("defaults", Json::object());
   if (!defaults.is_object()) throw RequestError("/defaults", "is no object, expected members of the steps");
+  if (defaults.contains("require"))
+    throw RequestError("/defaults/require", "is given for each step, expected it beside the steps of the chain only");
   request.erase("defaults");
   Json& steps = request["steps"];
   if (!steps.is_array() || steps.empty() || steps.size() > kMostSteps)
@@ -114,7 +116,7 @@ void settle(Json& request, const std::function<void(Json&, const std::string&)>&
     if (name.empty() || name.find('/') != std::string::npos)
       throw RequestError(place_of(k) + "/name", "is '" + name.substr(0, 80) + "', expected a name without '/'");
     try {
-      for (const char* own : {"steps", "audience"})
+      for (const char* own : {"steps", "audience", "require"})
         if (steps[k].contains(own))
           throw RequestError(std::string("/") + own, "is given in a step, expected it beside the steps of the chain only");
       Json step = steps[k];
@@ -206,18 +208,20 @@ void check_chain(Robots& robots, Json chain) {
 
 std::string chain_reply(const std::string& chain, const std::vector<std::string>& replies) {
   const Json all = parse_json(chain), &steps = all["steps"];
-  const std::string audience = all.value("audience", "");
-  Json told = Json::array(), last;
+  Json told = Json::array();
+  std::size_t worst = 0;  // the first step with the worst light
   for (std::size_t k = 0; k < replies.size(); ++k) {
     const std::string service = steps[k]["service"].get<std::string>();
-    const bool whole = audience.empty() || audience == "engineer" || steps[k].contains("detail");
-    const Json reply = presented(service, audience, whole, steps[k].value("choice", Json()), Json::parse(replies[k]));
-    told.push_back({{"name", name_of(steps, k)}, {"service", service}, {"reply", reply}});
-    const auto rank = [&](const Json& one) { return std::ranges::find(kLights, one.value("light", "green")); };
-    if (last.is_null() || rank(reply) >= rank(last)) last = reply;
+    const Audience audience = audience_of(all, steps[k].contains("detail"));
+    Json reply = presented(service, audience, steps[k].value("choice", Json()), Json::parse(replies[k]));
+    told.push_back({{"name", name_of(steps, k)}, {"service", service}, {"reply", std::move(reply)}});
+    if (light_of(told[k]["reply"]) > light_of(told[worst]["reply"])) worst = k;
   }
-  Json reply{{"steps", told}};
-  if (!audience.empty()) reply.update({{"sentence", last["sentence"]}, {"light", last["light"]}});
+  Json reply{{"verdict", told[worst]["reply"]["verdict"]}};
+  for (Json& one : told) one["reply"]["verdict"].erase("unmet");  // it is the chain's
+  reply["steps"] = told;
+  for (const char* own : {"sentence", "light"})
+    if (const Json& decisive = told[worst]["reply"]; decisive.contains(own)) reply[own] = decisive[own];
   return reply.dump();
 }
 

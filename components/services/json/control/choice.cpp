@@ -54,7 +54,7 @@ const std::vector<Choice>& choices() {
        "a motion and a bound of power are given: whether it keeps that, too"},
       {"duration", "fastest", "cycle_time", COTWIN_END, "T_s M_kg", -1, "{}", "", "",
        "the duration is missing, and no person is known to be near: the shortest one within the bounds"},
-      {"beside_persons", "fastest", "safety", COTWIN_END, "T_s M_kg", 1, "{}", "", "",
+      {"beside_persons", "fastest", "safety", COTWIN_END, "T_s M_kg", 1, R"({"pace": "safe"})", "", "",
        "the duration is missing, and a person is near: the one from which on contact stays within the limits of body parts"},
       {"compliant", "fastest", "throughput", COTWIN_END " M_kg S_N_per_m", "T_s", 0, "{}", "", "",
        "a compliance is given: the shortest move, and the time until it has settled"},
@@ -70,7 +70,7 @@ const std::vector<Choice>& choices() {
        "T_max_s", "the duration is missing before a deadline: the motion of least jerk until then"},
       {"safe_motion", "safe", "safety", "T_s|" COTWIN_PATH, "", 0, "{}", "", "",
        "the duration is given: whether contact stays within the limits of body parts"},
-      {"safe_duration", "safe", "safety", COTWIN_END, "T_s deadline_s", 0, "{}", "", "",
+      {"safe_duration", "safe", "safety", COTWIN_END, "T_s deadline_s", 0, R"({"pace": "safe"})", "", "",
        "the duration is missing, and nothing is due: the one from which on contact stays within the limits of body parts"},
       {"safest_in_time", "safe", "optimise", COTWIN_END " deadline_s", "T_s", 0, R"({"cost": "safety"})", "deadline_s",
        "T_max_s",
@@ -164,7 +164,8 @@ Json control_schemas() {
                {{"goal", {{"enum", kGoals}}},
                 {"person_m", described(at_least_zero(), "distance of the nearest person; without it unknown")},
                 {"deadline_s", described(positive(), "seconds until the motion must have ended")},
-                {"audience", audience}}},
+                {"audience", audience},
+                {"require", light_required()}}},
               {"anyOf", Json::array()},
               {"not", {{"anyOf", {{{"required", {"service"}}}, {{"required", {"steps"}}}}}}}};
   for (const char* name : {"goal", "poses", "power_max_W", "M_kg"})  // of which each tells a row, or some
@@ -177,8 +178,10 @@ Json control_schemas() {
                                                   "requests with names; \"$NAME/POINTER\" is a value of the answer to an "
                                                   "earlier one"))
                          .may("defaults", described(object, "members of all steps"))
-                         .may("audience", audience);
+                         .may("audience", audience)
+                         .may("require", light_required());
   const Json reply = Object()
+                         .must("verdict", described(verdict(), "of the first step with the worst light"))
                          .must("steps", array_of(Object().must("name", kText).must("service", kText).must("reply", object)))
                          .may("sentence", kText)
                          .may("light", {{"enum", kLights}});

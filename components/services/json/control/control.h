@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "components/services/json/json.h"
+#include "components/services/json/verdict.h"
 
 /// Application control (V-A, Figs. 3 and 4): which service a request means, for whom it is answered, and several of them in a row.
 ///
@@ -55,15 +55,28 @@ std::string chain_reply(const std::string& chain, const std::vector<std::string>
 /// The problem of a step as one of the chain.
 std::string chain_problem(const std::string& chain, std::size_t failed, const std::string& problem);
 
-/// The reply as its reader wants it. `audience`: "operator", "planner", "engineer", or "": nobody in particular. `choice`: of the request,
-/// null without one. `whole`: nothing is left out.
-Json presented(const std::string& service, const std::string& audience, bool whole, const Json& choice, Json reply);
+/// Who reads a reply, and what of it.
+struct Audience {
+  std::string name = {};   // "operator", "planner", "engineer", or "": nobody in particular
+  bool whole = true;       // nothing is left out
+  std::string least = {};  // the light that is required, or ""
+};
+/// That of a request or chain; `detail`: whether a detail is given. Throws RequestError.
+Audience audience_of(const Json& request, bool detail);
+/// The reply with its verdict as its reader wants it. `choice`: of the request, null without one; it adds the findings on persons and
+/// deadline.
+Json presented(const std::string& service, const Audience& audience, const Json& choice, Json reply);
+/// The verdict of a reply in a sentence, without the full stop.
+std::string sentence_of(const std::string& service, const Json& reply);
 /// The detail of a reply without the member "detail"; "": that of the services.
 std::string detail_for(const std::string& audience);
 
 inline constexpr std::size_t kMostSteps = 100;
 inline const std::vector<std::string> kAudiences = {"operator", "planner", "engineer"};
-inline const std::vector<std::string> kLights = {"green", "amber", "red"};
+inline const std::vector<std::string> kRequired = {"green", "amber"};  // lights that may be required, see Audience
+namespace schemas {
+Json light_required();
+}
 /// Requests without a service, chains, and the replies to these: {"chosen", "chain", "chain_reply"}.
 Json control_schemas();
 /// Adds what a request may leave to the control, and what a reply then has.

@@ -1,4 +1,4 @@
-#include "components/services/json/tasks.h"
+#include "components/services/json/control/tasks.h"
 
 #include <algorithm>
 #include <map>
@@ -32,6 +32,7 @@ Task task_of(Json request, const std::string& name, const TaskDefaults& defaults
   if (request.is_object()) {
     if (const std::string own = word_of(request, "name"); !own.empty()) task.name = own;
     request.erase("name");
+    if (!request.contains("require") && !defaults.require.empty()) request["require"] = defaults.require;
     Json& members = is_chain(request) ? request["defaults"] : request;
     if (members.is_null() || members.is_object()) {
       if (!members.contains("robot")) members["robot"] = defaults.robot;
@@ -48,11 +49,12 @@ Task task_of(Json request, const std::string& name, const TaskDefaults& defaults
   return task;
 }
 
+constexpr std::string_view kOfChains[] = {"steps", "defaults", "audience", "require", "name"};
+
 /// What a library says of a chain, in the defaults of its steps; those of the chain itself count.
 void into_defaults(Json& chain) {
   Json members = Json::object(), own = Json::object();
-  for (auto& [name, value] : chain.items())
-    (name == "steps" || name == "defaults" || name == "audience" || name == "name" ? own : members)[name] = value;
+  for (auto& [name, value] : chain.items()) (std::ranges::count(kOfChains, name) > 0 ? own : members)[name] = value;
   if (own.contains("defaults") && own["defaults"].is_object()) members.update(own["defaults"]);
   own["defaults"] = members;
   chain = std::move(own);
@@ -209,6 +211,8 @@ std::vector<Task> read_tasks(std::string_view text, const std::string& place, co
   if (tasks.empty()) throw Error(place, "has no tasks, expected at least one");
   return tasks;
 }
+
+std::string unmet(const Row& row) { return row.reply.empty() ? "" : Json::parse(row.reply)["verdict"].value("unmet", ""); }
 
 std::vector<Row> ask_all(Robots& robots, const std::vector<Task>& tasks, const Context& context) {
   std::vector<Row> rows;

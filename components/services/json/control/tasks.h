@@ -27,7 +27,8 @@ struct TaskDefaults {
   std::string robot;   // of tasks that name none
   std::string detail;  // of tasks that have none; "": that of the services
   std::filesystem::path folder;
-  bool brief = false;  // tasks without detail and audience have the verdict
+  bool brief = false;     // tasks without detail and audience have the verdict
+  std::string require{};  // the light of tasks that require none; "": any
 };
 std::vector<Task> read_tasks(std::string_view text, const std::string& place, const TaskDefaults& defaults);
 
@@ -36,6 +37,8 @@ struct Row {
   Task task;
   std::string reply, problem;
 };
+/// Why the light of the reply is worse than the task requires, or "".
+std::string unmet(const Row& row);
 /// Asks all. A task that cannot be answered does not end the others.
 std::vector<Row> ask_all(Robots& robots, const std::vector<Task>& tasks, const Context& context = {});
 
