@@ -41,6 +41,7 @@ http::Event event_of(const JobChange& change) {
             {"JobResult", to_text(change.job.result)},
             {"Progress", change.job.progress}};
   if (!change.job.progress_message.empty()) data["ProgressMessage"] = change.job.progress_message;
+  if (!change.job.light.empty()) data["Light"] = change.job.light;
   if (!change.job.reason.empty()) data["ReasonForStateChange"] = change.job.reason;
   http::Event event{"job", "", data.dump(-1, ' ', false, Json::error_handler_t::replace)};
   if (change.kind != JobChange::Kind::kProgress) event.id = std::to_string(change.job.version);
@@ -223,6 +224,7 @@ Json JobBoard::to_json(const Job& job) {
          {"JobResult", to_text(job.result)},
          {"Progress", job.progress}};
   if (!job.progress_message.empty()) j["ProgressMessage"] = job.progress_message;
+  if (!job.light.empty()) j["Light"] = job.light;
   if (!job.reason.empty()) j["ReasonForStateChange"] = job.reason;
   j["Stored"] = to_text(job.stored);
   j["Version"] = job.version;

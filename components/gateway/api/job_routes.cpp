@@ -304,6 +304,7 @@ Response job_response_data(JobBoard& board, const std::string& id, http::Scopes 
   const auto add = [&](const char* name, Json value) { data.push_back({{"ID", name}, {"Value", std::move(value)}}); };
   add("JobResult", static_cast<int>(job.result));
   add("Progress", job.progress);
+  if (!job.light.empty()) add("Light", job.light);
   if (!job.reason.empty()) add("ReasonForStateChange", job.reason);
   if (job.busy_s > 0) add("ActualUnitBusyTime", job.busy_s * 1e3);  // Duration of OPC: ms
   if (job.remaining_s) add("EstimatedRemainingTime", *job.remaining_s * 1e3);

@@ -48,7 +48,7 @@ void add_job_schemas(http::Router& router) {
       "State": {"$ref": "#/components/schemas/JobState"},
       "JobExecutionMode": {"const": "SimulationMode"}, "JobResult": {"enum": ["Unknown", "Successful", "Unsuccessful"]},
       "Progress": {"type": "number", "minimum": 0, "maximum": 1}, "ProgressMessage": {"type": "string"},
-      "ReasonForStateChange": {"type": "string"}, "Stored": {"type": "string", "format": "date-time"}, "Version": {"type": "integer"}},
+      "Light": {"enum": ["green", "amber", "red"]}, "ReasonForStateChange": {"type": "string"}, "Stored": {"type": "string", "format": "date-time"}, "Version": {"type": "integer"}},
     "required": ["JobOrder", "State", "JobExecutionMode", "JobResult", "Progress", "Stored", "Version"], "additionalProperties": false})");
   router.add_schema("JobOrders", R"({
     "type": "object",
@@ -87,7 +87,7 @@ void add_job_schemas(http::Router& router) {
     "properties": {
       "JobOrderID": {"type": "string"}, "Change": {"enum": ["state", "order", "progress", "removed"]}, "State": {"$ref": "#/components/schemas/JobState"},
       "JobResult": {"enum": ["Unknown", "Successful", "Unsuccessful"]}, "Progress": {"type": "number"}, "ProgressMessage": {"type": "string"},
-      "ReasonForStateChange": {"type": "string"}},
+      "Light": {"enum": ["green", "amber", "red"]}, "ReasonForStateChange": {"type": "string"}},
     "required": ["JobOrderID", "Change", "State", "JobResult", "Progress"], "additionalProperties": false})");
 }
 

@@ -12,7 +12,8 @@
 /// OPC 40001-3.
 namespace cotwin::gateway {
 
-/// StateNumber. A failed job is kEnded or kAborted with JobResult::kUnsuccessful; a queued job is kAllowedToStart.
+/// StateNumber. A failed job is kEnded or kAborted with JobResult::kUnsuccessful, and so is one whose light is worse than its request
+/// requires, which has a result; a queued job is kAllowedToStart.
 enum class JobState : std::int32_t {
   kNotAllowedToStart = 1,
   kAllowedToStart = 2,
@@ -100,6 +101,7 @@ struct Job {
   std::optional<std::int64_t> result_number;  ///< of its reply in the results
   std::string problem;                        ///< JSON {"title", "detail", "pointer"} if a worker refused the request, else ""
   bool read = false;                          ///< response() was called after its end
+  std::string light;                          ///< of its reply's verdict: "green", "amber", "red"; "": there is none
 };
 
 struct JobFilter {

@@ -3,7 +3,7 @@
 namespace cotwin::gateway {
 
 inline constexpr int kApplication = 0x43774a62;  // "CwJb"
-inline constexpr int kSchemaVersion = 1;
+inline constexpr int kSchemaVersion = 2;
 
 // Times are UTC in ms. AUTOINCREMENT: numbers are never used again. State 0: removed, the identifier stays reserved.
 // The triggers keep totals, so that limits are checked without counting rows.
@@ -19,7 +19,7 @@ CREATE TABLE jobs(
   deadline INTEGER, time_limit_s REAL NOT NULL, reuse INTEGER NOT NULL, reason TEXT NOT NULL, progress REAL NOT NULL,
   progress_message TEXT NOT NULL, retries INTEGER NOT NULL, restarts INTEGER NOT NULL, stored INTEGER NOT NULL,
   started INTEGER, ended INTEGER, removed INTEGER, busy_s REAL NOT NULL, result_number INTEGER, problem TEXT NOT NULL,
-  read INTEGER NOT NULL);
+  read INTEGER NOT NULL, light TEXT);
 CREATE INDEX jobs_queue ON jobs(priority DESC, ifnull(deadline, 9223372036854775807), sequence) WHERE state = 2;
 CREATE INDEX jobs_running ON jobs(priority DESC, ifnull(deadline, 9223372036854775807), sequence) WHERE state = 3;
 CREATE INDEX jobs_deadline ON jobs(deadline) WHERE deadline IS NOT NULL AND state BETWEEN 1 AND 4;
@@ -63,5 +63,8 @@ CREATE TRIGGER results_stored_total AFTER INSERT ON results BEGIN
 CREATE TRIGGER results_deleted_total AFTER DELETE ON results BEGIN
   UPDATE totals SET value = value - 1 WHERE name = 'results'; END;
 )";
+
+/// From version 1, whose jobs have no light.
+inline constexpr const char* kUpgrade = "ALTER TABLE jobs ADD COLUMN light TEXT";
 
 }  // namespace cotwin::gateway

@@ -44,7 +44,7 @@ JobReply refused(ReturnStatus status, const std::string& id, const std::string& 
 }  // namespace
 
 JobStore::JobStore(const std::filesystem::path& file, StoreLimits limits)
-    : limits_(limits), database_(file, {kApplication, "one of jobs", kSchemaVersion, kSchema}) {}
+    : limits_(limits), database_(file, {kApplication, "one of jobs", kSchemaVersion, kSchema, kUpgrade}) {}
 
 std::int64_t JobStore::next_version() {
   Statement next = database_.query("UPDATE totals SET value = value + 1 WHERE name = 'version' RETURNING value");
@@ -184,13 +184,27 @@ std::pair<std::int64_t, bool> JobStore::keep_answer(const Job& job, std::string_
   return {database_.last_row(), differs};
 }
 
+void JobStore::end_with_answer(Job& job, std::int64_t answer) {
+  Statement verdict = database_.query(
+      "SELECT json_extract(reply, '$.verdict.light'), json_extract(reply, '$.verdict.unmet') FROM answers WHERE number = ? AND "
+      "json_valid(reply)",
+      answer);
+  job.state = JobState::kEnded;
+  job.result = JobResult::kSuccessful;
+  job.progress = 1;
+  if (!verdict.step()) return;
+  job.light = verdict.text(0);
+  if (verdict.is_null(1)) return;
+  job.state = JobState::kAborted;
+  job.result = JobResult::kUnsuccessful;
+  job.reason = verdict.text(1);
+}
+
 bool JobStore::complete(Job& job, std::string_view reply, const Origin& origin) {
   Transaction transaction(database_, false);
   Job changed = job;
   const auto [answer, differs] = keep_answer(changed, reply, origin);
-  changed.state = JobState::kEnded;
-  changed.result = JobResult::kSuccessful;
-  changed.progress = 1;
+  end_with_answer(changed, answer);
   changed.result_number = keep_result(changed, origin, answer, reply.size(), false);
   changed.version = next_version();
   update_row(database_, changed);
@@ -248,10 +262,8 @@ bool JobStore::restore_earlier(Job& job, const Origin& origin, UtcTime now) {
       "ORDER BY number LIMIT 1",
       job.request_hash, origin.robot_hash, origin.producer);
   if (!earlier.step()) return false;
-  job.state = JobState::kEnded;
-  job.result = JobResult::kSuccessful;
   job.reason = "an earlier result of the same request, robot and build was taken";
-  job.progress = 1;
+  end_with_answer(job, earlier.integer(0));
   if (!job.started) job.started = now;
   job.ended = now;
   job.busy_s = 0;

@@ -51,7 +51,8 @@ class JobStore {
                    const std::optional<Origin>& origin, UtcTime now);
   /// Writes state, order and all that a job can change, with a new version.
   void save(Job& job, bool durable);
-  /// Ends a running job, whose end and busy_s are set, with a reply, and keeps the reply. Returns whether it differs from an earlier reply of the same origin.
+  /// Ends a running job, whose end and busy_s are set, with a reply, and keeps the reply: Aborted where its verdict is worse than the request
+  /// requires. Returns whether it differs from an earlier reply of the same origin.
   bool complete(Job& job, std::string_view reply, const Origin& origin);
   /// Keeps the reply to a step of a chain, and saves the chain. `step`: the chain's identifier with the request of the step.
   bool complete_step(Job& job, const Job& step, std::string_view reply, const Origin& origin);
@@ -84,6 +85,8 @@ class JobStore {
   std::int64_t next_version();
   /// The number of the answer, and whether it differs from an earlier one.
   std::pair<std::int64_t, bool> keep_answer(const Job& job, std::string_view reply, const Origin& origin);
+  /// State, result, light and reason by the verdict of the answer.
+  void end_with_answer(Job& job, std::int64_t answer);
   std::int64_t keep_result(const Job& job, const Origin& origin, std::int64_t answer, std::uint64_t bytes, bool reused);
   bool restore_earlier(Job& job, const Origin& origin, UtcTime now);
   void remove_row(Job& job, const std::string& reason, UtcTime now);

@@ -26,7 +26,7 @@ const std::string kSelectJob =
     "SELECT sequence, id, version, state, result, service, robot, request, request_hash, description, comment, priority, "
     "start_time, end_time, deadline, time_limit_s, reuse, reason, progress, progress_message, retries, restarts, stored, "
     "started, "
-    "ended, busy_s, result_number, problem, read FROM jobs ";
+    "ended, busy_s, result_number, problem, read, light FROM jobs ";
 
 const std::string kInsertJob =
     "INSERT INTO jobs(id, version, state, service, robot, request, request_hash, stored, result, description, comment, "
@@ -67,6 +67,7 @@ Job job_of(const Statement& row) {
   ++c;
   job.problem = row.text(c++);
   job.read = row.integer(c++) != 0;
+  job.light = row.text(c++);
   return job;
 }
 
@@ -83,12 +84,12 @@ void update_row(Database& database, const Job& job) {
       "= ?, "
       "comment = ?, priority = ?, start_time = ?, end_time = ?, deadline = ?, time_limit_s = ?, reuse = ?, reason = ?, "
       "progress = ?, progress_message = ?, retries = ?, restarts = ?, started = ?, ended = ?, busy_s = ?, result_number = ?, "
-      "problem = ? WHERE sequence = ?",
+      "problem = ?, light = ? WHERE sequence = ?",
       job.version, static_cast<int>(job.state), static_cast<int>(job.result), job.service, job.robot, job.order.request,
       job.request_hash, texts_to_json(job.order.description), texts_to_json(job.comment), int{job.order.priority},
       job.order.start_time, job.order.end_time, job.order.deadline, job.order.time_limit_s, job.order.reuse, job.reason,
       job.progress, job.progress_message, job.retries, job.restarts, job.started, job.ended, job.busy_s, job.result_number,
-      job.problem, job.sequence);
+      job.problem, job.light.empty() ? std::nullopt : std::optional(job.light), job.sequence);
 }
 
 std::uint64_t bytes_of(const Job& job) {

@@ -142,8 +142,8 @@ void Database::open(const Purpose& purpose, bool check) {
     throw;
   }
   Transaction transaction(*this, true);
-  if (Statement statement = prepare("PRAGMA user_version"); statement.step() && statement.integer(0) == 0) {
-    execute(purpose.schema.c_str());
+  if (Statement statement = prepare("PRAGMA user_version"); statement.step() && statement.integer(0) < purpose.version) {
+    execute((statement.integer(0) == 0 ? purpose.schema : purpose.upgrade).c_str());
     execute(("PRAGMA application_id = " + std::to_string(purpose.application)).c_str());
     execute(("PRAGMA user_version = " + std::to_string(purpose.version)).c_str());
   }

@@ -100,6 +100,7 @@ struct Purpose {
   const char* what;          // "one of jobs", for messages
   std::int32_t version;      // of the tables
   std::string schema;        // statements that create them; empty: there must be tables
+  std::string upgrade{};     // statements that make them of those of the version before
 };
 
 class Database {

@@ -78,6 +78,17 @@ TEST(ChainJobs, GiveEachStepToAWorkerAndKeepItsReply) {
   EXPECT_EQ(trial.log(), "j/0\nj/1\nj/2\nfresh/0\nfresh/1\nfresh/2\n");
 }
 
+// A chain runs to its end and is judged then, by its first step with the worst light.
+TEST(ChainJobs, AreJudgedAtTheirEnd) {
+  const ChainTrial trial("chains");
+  Jobs jobs(trial.options);
+  const std::string steps = R"({"service": "echo", "robot": "lwr4"}, {"service": "jerk", "robot": "lwr4", "T_s": 3},
+                               {"service": "echo", "robot": "ur5"})";
+  ASSERT_TRUE(jobs.store(chain_of("free", steps)).ok());
+  EXPECT_EQ(done(jobs, "free").state, JobState::kEnded);
+  EXPECT_EQ(done(jobs, "free").light, "green");
+}
+
 // Steps that are equal are computed once; another file of the robot makes it another step.
 TEST(ChainJobs, ReuseByRequestRobotAndBuild) {
   ChainTrial trial("chains");

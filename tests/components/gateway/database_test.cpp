@@ -260,6 +260,28 @@ TEST(JobDatabase, RefusesWhatItCannotUse) {
   EXPECT_NE(refusal(trial.folder / "jobs.db").find("newer cotwin"), std::string::npos);
 }
 
+// One of before jobs had lights: they have none.
+TEST(JobDatabase, OpensOneOfTheVersionBefore) {
+  const Trial trial("database");
+  {
+    Jobs jobs(trial.options);
+    ASSERT_TRUE(jobs.store(order_of("before", "red")).ok());
+    EXPECT_EQ(done(jobs, "before").light, "red");
+  }
+  sqlite3* older = nullptr;
+  ASSERT_EQ(sqlite3_open((trial.folder / "jobs.db").c_str(), &older), SQLITE_OK);
+  ASSERT_EQ(sqlite3_exec(older, "ALTER TABLE jobs DROP COLUMN light; PRAGMA user_version = 1", nullptr, nullptr, nullptr),
+            SQLITE_OK);
+  sqlite3_close(older);
+  for (int start = 0; start < 2; ++start) {
+    Jobs jobs(trial.options);
+    EXPECT_EQ(jobs.find("before")->light, "");
+    EXPECT_EQ(jobs.find("before")->state, JobState::kEnded);
+    ASSERT_TRUE(jobs.store(order_of("after" + std::to_string(start), "red")).ok());
+    EXPECT_EQ(done(jobs, "after" + std::to_string(start)).light, "red");
+  }
+}
+
 TEST(JobDatabase, RefusesADamagedFileAndLeavesItAlone) {
   const Trial trial("database");
   {

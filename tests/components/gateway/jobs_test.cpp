@@ -32,8 +32,31 @@ TEST(Jobs, ReplyWithTheBytesOfTheWorker) {
   EXPECT_EQ(job.progress, 1);
   ASSERT_TRUE(job.result_number);
   // The worker writes a blank after the colon: the bytes of its reply are kept, not only its value.
-  EXPECT_EQ(jobs.result(*job.result_number)->reply, R"({"of": {"robot":"lwr4","service":"echo","x":1}})");
+  EXPECT_EQ(jobs.result(*job.result_number)->reply, reply_to(R"({"robot":"lwr4","service":"echo","x":1})"));
   EXPECT_EQ(jobs.result(*job.result_number)->request, R"({"robot":"lwr4","service":"echo","x":1})");
+}
+
+// A reply is a result, whatever its light; a light that is worse than required aborts the job, also where an earlier result is taken.
+TEST(Jobs, HaveTheLightOfTheirReplyAndAbortWhereItIsNotTheRequiredOne) {
+  const Trial trial("jobs");
+  Jobs jobs(trial.options);
+  for (const std::string id : {"a", "b"}) {
+    for (const auto& [name, request] : {std::pair{"red", order_of("red_" + id, "red")},
+                                        std::pair{"unmet", order_of("unmet_" + id, "red", R"("require": "amber")")},
+                                        std::pair{"green", order_of("green_" + id, "echo", R"("require": "green")")}}) {
+      ASSERT_TRUE(jobs.store(request).ok());
+      const Job job = done(jobs, request.id);
+      const bool unmet = std::string(name) == "unmet";
+      EXPECT_EQ(job.light, std::string(name) == "green" ? "green" : "red") << job.order.id;
+      EXPECT_EQ(job.state, unmet ? JobState::kAborted : JobState::kEnded);
+      EXPECT_EQ(job.result, unmet ? JobResult::kUnsuccessful : JobResult::kSuccessful);
+      if (unmet) {
+        EXPECT_EQ(job.reason, "It cannot.");
+      }
+      ASSERT_TRUE(job.result_number);
+      EXPECT_EQ(jobs.result(*job.result_number)->reused, id == "b");
+    }
+  }
 }
 
 TEST(Jobs, MakeIdentifiersThatDiffer) {
@@ -392,7 +415,7 @@ TEST(Jobs, FindResultsByRequestRobotAndTime) {
     const ResultPage page = jobs.results(filter, cursor, 5);
     for (const Result& result : page.results) {
       all += result.job_id + " ";
-      EXPECT_EQ(result.reply, R"({"of": )" + result.request + "}");
+      EXPECT_EQ(result.reply, reply_to(result.request));
     }
     cursor = page.next;
   } while (!cursor.empty());

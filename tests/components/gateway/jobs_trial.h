@@ -24,9 +24,12 @@ while IFS= read -r line; do
   id=${line#*'"id":"'}; id=${id%%'"'*}
   request=${line#*'"request":'}; request=${request%\}}
   echo "$id" >> "$folder/log"
-  reply() { printf '{"id":"%s","reply":{"of": %s}}\n' "$id" "$request"; }
+  reply() { printf '{"id":"%s","reply":{"of": %s, "verdict": {"light": "green", "findings": []}}}\n' "$id" "$request"; }
   case $line in
     *'"service":"gate"'*) pause open; reply ;;
+    *'"service":"red"'*)
+      case $line in *'"require"'*) unmet=', "unmet": "It cannot."' ;; *) unmet= ;; esac
+      printf '{"id":"%s","reply":{"verdict": {"light": "red", "findings": []%s}}}\n' "$id" "$unmet" ;;
     *'"service":"progress"'*) printf '{"id":"%s","progress":0.25,"message":"a quarter"}\n' "$id"; pause open; reply ;;
     *'"service":"crash"'*) echo "out of order" >&2; kill -9 $$ ;;
     *'"service":"exit"'*) exit 3 ;;
@@ -41,7 +44,7 @@ while IFS= read -r line; do
     *'"service":"gate_last"'*) pause open; reply; exit 0 ;;
     *'"service":"refuse"'*)
       printf '{"id":"%s","problem":{"title":"No","detail":"T_s is 0","pointer":"/T_s"}}\n' "$id" ;;
-    *'"service":"random"'*) printf '{"id":"%s","reply":{"of": "%s"}}\n' "$id" "$(cat /proc/sys/kernel/random/uuid)" ;;
+    *'"service":"random"'*) printf '{"id":"%s","reply":{"of": "%s", "verdict": {"light": "green", "findings": []}}}\n' "$id" "$(cat /proc/sys/kernel/random/uuid)" ;;
     *'"service":"limits"'*)
       printf '{"id":"%s","reply":{"data_KiB":"%s","nice":"%s","open":"%s"}}\n' "$id" "$(ulimit -d)" "$(nice)" "$(readlink /proc/$$/fd/* | tr '\n' ' ')" ;;
     *) reply ;;
@@ -55,6 +58,11 @@ struct FoldersInMemory {
     if (access("/dev/shm", W_OK) == 0) setenv("TMPDIR", "/dev/shm", 0);
   }
 };
+
+/// What the worker writes for most services.
+inline std::string reply_to(const std::string& request) {
+  return R"({"of": )" + request + R"(, "verdict": {"light": "green", "findings": []}})";
+}
 
 struct Trial {
   explicit Trial(const std::string& name) : folder(name) {

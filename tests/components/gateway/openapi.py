@@ -390,7 +390,7 @@ def check_control(g):
     """Requests without a service, and chains."""
     move = {k: v for k, v in MOVE.items() if k != "from_q_rad"}
     reply, _ = g.call("POST", "/services", 200, body={**move, "goal": "fastest", "audience": "operator"})
-    expect(set(reply) == {"choice", "sentence", "light"} and reply["choice"]["row"] == "duration", "operator", reply)
+    expect(set(reply) == {"verdict", "choice", "sentence", "light"} and reply["choice"]["row"] == "duration", "operator", reply)
     reply, _ = g.call("POST", "/services", 200, body={**MOVE, "goal": "cheapest", "audience": "planner", "deadline": "2099-01-01T00:00:00Z",
                                                       "particles": 16, "rounds": 5, "refine": False},
                       fields={"Prefer": "wait=30"})

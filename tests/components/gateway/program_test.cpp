@@ -232,6 +232,69 @@ TEST(ServeCommand, AnswersAsTheProgramDoes) {
   EXPECT_EQ(gateway.process().wait().code, 128 + SIGTERM);
 }
 
+// Light, exit code, state of the job, row of the table and event are those of the reply, whoever asks, alone and as a chain.
+TEST(ServeCommand, TellsOneVerdictEverywhere) {
+  const TemporaryFolder folder("verdicts");
+  Gateway gateway(folder.path());
+  RawClient events(gateway.port());
+  events.send(http_request("GET", "/events"));
+  ASSERT_TRUE(events.receive_until("text/event-stream"));
+  int number = 0;
+  for (const auto& [light, own] :
+       {std::pair{"amber", R"("service":"feasibility","T_s":2.5)"}, {"red", R"("service":"jerk","T_s":0.5)"}})
+    for (const std::string require : {"", "amber", "green"}) {
+      const bool met = require.empty() || (require == "amber" && std::string(light) == "amber");
+      json request = json::parse("{" + kMove + "," + own + "}");
+      if (!require.empty()) request["require"] = require;
+      json chain{{"steps", {request}}};
+      if (!require.empty()) {
+        chain["steps"][0].erase("require");
+        chain["require"] = require;
+      }
+      for (const json& each : {request, chain}) {
+        const std::string where = each.dump(), id = "job" + std::to_string(++number);
+        const RunResult table = [&] {
+          std::ofstream(folder.path() / "tasks.json") << where;
+          return run_program({"ask", "--file", folder.path() / "tasks.json", "--table", "csv"});
+        }();
+        EXPECT_EQ(table.code, met ? 0 : 1) << where;
+        EXPECT_THAT(table.out, HasSubstr(std::string(",") + light)) << where;
+        std::ofstream(folder.path() / "line.json") << R"({"id":"a","request":)" << where << "}\n";
+        const json verdict = json::parse(
+            run_command({"sh", "-c", cotwin::places::program() + " ask --worker <" + (folder.path() / "line.json").string()})
+                .out)["reply"]["verdict"];
+        EXPECT_EQ(verdict["light"], light);
+        EXPECT_EQ(verdict.contains("unmet"), !met);
+        const std::string order =
+            json{{"JobOrderID", id}, {"JobOrderParameters", {{{"ID", "Request"}, {"Value", each}}}}}.dump();
+        ASSERT_EQ(gateway.call("POST", "/job-orders", order).status, 201);
+        const json done = ended(gateway, id), job = gateway.get("/job-orders/" + id);
+        EXPECT_EQ(job["Light"], light) << job;
+        EXPECT_EQ(job["State"][0]["StateText"], met ? "Ended" : "Aborted") << where;
+        EXPECT_EQ(job["JobResult"], met ? "Successful" : "Unsuccessful");
+        for (const json& item : done["JobResponseData"]) {
+          if (item["ID"] == "Light") EXPECT_EQ(item["Value"], light);
+          if (item["ID"] == "Reply") EXPECT_EQ(item["Value"]["verdict"], verdict);
+          if (item["ID"] == "ReasonForStateChange" && !met) EXPECT_EQ(item["Value"], verdict["unmet"]);
+        }
+        const std::string state = met ? R"("Ended","StateNumber":5}],"JobResult":"Successful")"
+                                      : R"("Aborted","StateNumber":6}],"JobResult":"Unsuccessful")";
+        ASSERT_TRUE(events.receive_until(R"({"JobOrderID":")" + id +
+                                         R"(","Change":"state","State":[{"BrowsePath":null,"StateText":)" + state +
+                                         R"(,"Progress":1.0,"Light":")" + light + "\""));
+        if (each.contains("steps")) continue;
+        EXPECT_EQ(json::parse(gateway.call("POST", "/services/" + each["service"].get<std::string>(), where).body)["verdict"],
+                  verdict);
+        const std::string with = "{" + kMove + "," + own + "}";
+        std::vector<std::string> command{"ask", each["service"], "--with", with};
+        if (!require.empty()) command.insert(command.end(), {"--require", require});
+        const RunResult asked = run_program(command);
+        EXPECT_EQ(asked.code, met ? 0 : 1) << asked.err;
+        EXPECT_EQ(json::parse(asked.out)["verdict"], verdict);
+      }
+    }
+}
+
 TEST(ServeCommand, FillsJobOrdersWithThePostureOfTheRun) {
   const TemporaryFolder folder("serve");
   const Gateway gateway(folder.path());
@@ -736,7 +799,10 @@ TEST(MesExample, ClientsAskChooseRunWatchAndCompare) {
   const json& brief = report["told"]["operator"];
   EXPECT_EQ(brief["light"], "amber");
   EXPECT_EQ(brief["sentence"],
-            "The move takes 1.98 s and needs 307 J, which costs 0.0000256; not measured: inertia of motors and 3 more.");
+            "The move takes 1.98 s at least, which makes 1815 moves per hour; not measured: inertia of motors and 2 more.");
+  EXPECT_EQ(
+      brief["steps"][1]["reply"]["sentence"],
+      "The move takes 1.98 s and needs 307 J, which costs 0.0256 per 1000 moves; not measured: inertia of motors and 3 more.");
   const json& steps = report["told"]["planner"]["steps"];
   EXPECT_EQ(steps[0]["reply"]["choice"]["row"], "duration");
   EXPECT_EQ(steps[1]["reply"]["choice"]["row"], "cost");

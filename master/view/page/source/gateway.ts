@@ -15,6 +15,7 @@ interface Job {
   JobOrder: { JobOrderID: string; WorkMasterID: { ID: string }[] };
   State: { StateText: string }[];
   JobResult: string;
+  Light?: string;
   Progress: number;
   Stored: string;
 }
@@ -84,11 +85,11 @@ export async function show_gateway(connection: Connection): Promise<void> {
     try {
       const { JobOrders } = await connection.ask<{ JobOrders: Job[] }>('GET', 'job-orders?limit=100');
       state.textContent = '';
-      const rows = JobOrders.map(({ JobOrder, State, JobResult, Progress, Stored }) => {
+      const rows = JobOrders.map(({ JobOrder, State, JobResult, Light, Progress, Stored }) => {
         const progress = JobResult === 'Unknown' ? `${Math.round(100 * Progress)} %` : JobResult;
-        return [element('code', {}, JobOrder.JobOrderID), JobOrder.WorkMasterID[0]?.ID ?? '', State.map((part) => part.StateText).join(' '), progress, Stored.replace('T', ' ').slice(0, 19)];
+        return [element('code', {}, JobOrder.JobOrderID), JobOrder.WorkMasterID[0]?.ID ?? '', State.map((part) => part.StateText).join(' '), progress, Light ?? '', Stored.replace('T', ' ').slice(0, 19)];
       });
-      if (rows.length > 0) jobs.replaceChildren(table(['job', 'service', 'state', 'result', 'stored (UTC)'], rows));
+      if (rows.length > 0) jobs.replaceChildren(table(['job', 'service', 'state', 'result', 'light', 'stored (UTC)'], rows));
       else jobs.replaceChildren('no job yet');
     } catch (error) {
       state.textContent = error instanceof Error ? error.message : String(error);
