@@ -1,5 +1,7 @@
 #include "components/services/json/contact_json.h"
 
+#include <algorithm>
+
 #include "components/services/assumptions.h"
 #include "models/foundation/support/error.h"
 
@@ -32,6 +34,12 @@ ContactOptions read_contact_frame(const Robot& robot, Reader& r, const char* of_
                        "is held, but the robot has no drive_train.ssv with the inertias of its motors, expected free");
   if (robot.drives) o.B = robot.drives->B;
   return o;
+}
+
+std::string words_of_part(const std::string& name) {
+  std::string words = name.ends_with("_nd") ? name.substr(0, name.size() - 3) : name;  // of the hand that is not dominant
+  std::ranges::replace(words, '_', ' ');
+  return words;
 }
 
 void read_body_parts(const Robot& robot, Reader& r, ContactOptions& o, const char* of_parts) {

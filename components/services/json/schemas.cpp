@@ -2,8 +2,8 @@
 #include <string>
 #include <utility>
 
-#include "components/services/json/verdict.h"
 #include "components/services/json/schema_parts.h"
+#include "components/services/json/verdict.h"
 
 namespace cotwin::services {
 

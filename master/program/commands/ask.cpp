@@ -11,8 +11,8 @@
 #include <thread>
 #include <tuple>
 
-#include "components/services/json/json.h"
 #include "components/services/json/control/tasks.h"
+#include "components/services/json/json.h"
 #include "master/program/commands/commands.h"
 #include "master/report/map.h"
 #include "master/services/motion_file.h"
@@ -174,26 +174,26 @@ std::string motion_of(const AskArguments& a, services::Robots& robots, Json requ
     reply = Json::parse(services::answer_object(robots, request, context));
   }
   if (!reply.contains("motion"))
-    throw Error("--motion", a.service == "optimise"
-                                ? "the rule pareto replies with many motions, expected the rule weighted or lexicographic"
-                                : "the service " + a.service +
-                                      " replies with no motion, expected feasibility, cycle_time, optimise or reactionless");
+    throw Error("--motion", "the rule pareto replies with many motions, expected the rule weighted or lexicographic");
   return motion_file(reply["motion"].dump());
 }
 
-/// The reasons of a verdict that is not green.
+/// Why a motion is not written.
 std::string why_not(const Json& reply) {
   if (reply.contains("feasible") && reply["feasible"] == false) return "the move is not feasible: " + reply.value("reason", "");
-  std::string all;
+  std::string why;
   for (const Json& finding : reply["verdict"]["findings"])
-    if (finding["says"] != "yes") text::append(all, finding["why"].get<std::string>(), "; ");
-  return all.empty() ? "its light is " + reply["verdict"]["light"].get<std::string>() : "the move is " + all;
+    if (finding["says"] != "yes") text::append(why, finding["why"].get<std::string>(), "; ");
+  return "the light is " + reply["verdict"]["light"].get<std::string>() + (why.empty() ? "" : ": " + why);
 }
 
 int ask_one(const AskArguments& a, services::Robots& robots, services::Context context) {
   Json request = request_of(a, robots);
   const bool reactionless = a.service == "reactionless";
   const bool grow = a.service == "grow";
+  if (a.motion && a.service != "feasibility" && a.service != "cycle_time" && a.service != "optimise" && !reactionless)
+    throw Error("--motion", "the service " + a.service +
+                                " replies with no motion, expected feasibility, cycle_time, optimise or reactionless");
   if (a.threads != 0 && a.service != "optimise" && !reactionless && !grow)
     throw Error("--threads", "is given for the service " + a.service +
                                  ", which uses one thread, expected it with optimise, reactionless or grow");
@@ -381,7 +381,7 @@ void add_ask(CLI::App& app, Chosen& chosen) {
   command->add_option("--detail", a.detail, "How much the reply tells: verdict, margins, series or all")->type_name("LEVEL");
   command
       ->add_option("--require", a.require, "The worst light that will do, green or amber: with a worse one the exit code is 1")
-      ->type_name("LIGHT");
+      ->check(CLI::IsMember({"green", "amber"}));
   command->add_option("--motion", a.motion, "Write the motion for unit:motion: parameters (SSV), of reactionless a table (CSV)")
       ->type_name("FILE");
   command->add_option("--particles", a.particles, "Write all motions that optimise tries as a table (CSV)")->type_name("FILE");

@@ -90,8 +90,7 @@ void judge_persons(const Robot& robot, const PathSafety& s, Verdict& verdict) {
   const std::string unknown = unknown_motors(robot);
   if (s.safe && unknown.empty()) return verdict.add(Of::kPersons, Says::kYes);
   if (s.safe) return verdict.add(Of::kPersons, Says::kUnknown, "slow enough beside a person as far as is known: " + unknown);
-  std::string at = "the " + worst.name;
-  std::ranges::replace(at, '_', ' ');
+  const std::string at = "the " + words_of_part(worst.name);
   if (!(m.limit > 0))
     return verdict.add(Of::kPersons, Says::kNo,
                        "not slow enough beside a person at any speed: contact with " + at + " is not permitted");
@@ -246,12 +245,12 @@ Json answer_safety(const Robot& robot, Reader& r, const Context& context) {
   Move timed = planned(robot, m, reply, verdict);
   PathSafety s = safety_along(robot.model, timed, o);
   if (safe_pace) {
-    reply["pace"] = "safe";
     if (const double T = worst_of(s).decisive.T_safe * (1 + 1e-12); T > s.T && T <= kLongest) {
       timed.T = T;
       verdict = verdict_of(plan(robot.model, timed).solution);
       s = safety_along(robot.model, timed, o);
     }
+    if (s.safe) reply["pace"] = "safe";
   }
   add_safety(robot, timed, o, s, reply, verdict);
   verdict.tell(reply);

@@ -57,6 +57,7 @@ std::optional<ContactOptions> read_contact(const Robot& robot, Reader& r, Proble
   for (const robot::Payload& payload : p.loads.payloads) load += payload.part.inertia.mass;
   if (safety && !o.only_effective) frame.least_mass = robot::simple_effective_mass(robot::moving_mass(robot.model), load);
   p.contact = frame;
+  o.samples = 2;  // of the series, which nobody reads
   return safety ? std::optional(o) : std::nullopt;
 }
 
@@ -191,7 +192,7 @@ std::string make_clear(ClearOf& clear, const Problem& p, const Candidates& candi
   return "none of " + std::to_string(touching) + " motions that were found is clear";
 }
 
-/// Whether the motion keeps the bounds, and its compliance misses a condition.
+/// Of a motion that keeps its bounds the reason may be a condition of its compliance.
 bool of_compliance(const Solution& s) { return s.reason.starts_with("compliance:"); }
 
 /// A search that has ended early and found nothing does not know.
@@ -206,37 +207,42 @@ void add_search(bool complete, Verdict& verdict) {
 Json front_of(const Robot& robot, const Move& m, const Problem& p, const std::vector<optimisation::Round::Particle>& particles,
               const std::optional<ContactOptions>& contact, std::ptrdiff_t touching, bool complete, Detail detail) {
   Json front = Json::array();
-  std::optional<Finding> persons;  // of the best motion
+  std::optional<Verdict> best;
   for (const auto& particle : particles) {
     Move found = m;
     found.degree = p.degree;
     found.c = particle.c;
     found.to_q = particle.q_to;
+    found.T = particle.T;
     Json one{{"T_s", particle.T}, {"costs", costs_json(p, particle.costs)}};
+    const Solution s = optimisation::assess(p, particle.c, particle.q_to, particle.T, particle.compliance);
     Verdict verdict;
-    verdict.add(Of::kBounds, Says::kYes);
+    verdict.add(Of::kBounds, s.status == Status::kFeasible || of_compliance(s), s.reason);
     if (touching >= 0) verdict.add(Of::kClearOf, Says::kYes);
-    if (contact) {
-      found.T = particle.T;
-      judge_persons(robot, safety_along(robot.model, found, *contact), verdict);
-      const Finding& own = verdict.findings().back();
-      if (!persons || own.says == Says::kYes || persons->says == Says::kNo) persons = own;
-    }
+    if (p.compliant) verdict.add(Of::kCompliance, !of_compliance(s), s.reason);
+    if (contact) judge_persons(robot, safety_along(robot.model, found, *contact), verdict);
     verdict.tell_findings(one);
+    if (!best || verdict.light(false) < best->light(false)) best = verdict;
     if (p.compliant) one["compliance"] = axes_json(p, particle.compliance);
     if (detail >= Detail::kMargins) one["motion"] = motion_of(robot, found, particle.T);
     front.push_back(one);
   }
   const bool some = !front.empty();
   Verdict verdict;
-  verdict.add(Of::kBounds, some || touching > 0,
-              "no motion within the bounds was found, expected a longer T_max_s or other bounds");
-  if (touching > 0 || (some && touching == 0))
-    verdict.add(Of::kClearOf, some, "none of " + std::to_string(touching) + " motions that were found is clear");
-  if (persons && persons->says == Says::kNo)
-    persons->why =
-        "none of " + text::counted(static_cast<long long>(front.size()), "motion") + " is slow enough beside a person";
-  if (persons) verdict.add(Of::kPersons, persons->says, persons->why);
+  if (!some) {
+    verdict.add(p.compliant ? Of::kCompliance : Of::kBounds, touching > 0,
+                "no motion within the bounds was found" +
+                    std::string(p.compliant ? ", whose compliance meets its conditions" : "") +
+                    ", expected a longer T_max_s or other bounds");
+    if (touching > 0)
+      verdict.add(Of::kClearOf, Says::kNo, "none of " + std::to_string(touching) + " motions that were found is clear");
+  } else {
+    for (const Finding& f : best->findings())
+      verdict.add(f.of, f.says,
+                  f.of == Of::kPersons && f.says == Says::kNo
+                      ? "none of " + text::counted(std::ssize(front), "motion") + " is slow enough beside a person"
+                      : f.why);
+  }
   add_search(complete, verdict);
   Json reply{{"status", some ? "feasible" : "infeasible"}};
   verdict.tell(reply);

@@ -4,6 +4,7 @@
 #include <cstdio>
 #include <numbers>
 
+#include "components/services/json/contact_json.h"
 #include "components/services/json/control/control.h"
 #include "components/services/json/move_json.h"
 #include "components/services/json/request.h"
@@ -35,7 +36,10 @@ const Pattern kPatterns[] = {
      "share of the closest bound=limiting/share|least distance=clear_of/nearest/distance_m"},
     {"energy", "boundary=joints", "The move takes {T_s} and needs {energy_J} for the work of the joints; losses are unknown",
      "The move is not possible in {T_s}: {reason}", "T_s", "duration=T_s|work of the joints=energy_J"},
-    {"energy", "cycle_s", "The cycle of {cycle_s} needs {energy_J}, the move of {T_s} {move_J}[; the cycle costs {price}]",
+    {"energy", "cycle_s",
+     "The cycle of {cycle_s} needs {energy_J}, the move of {T_s} {move_J}[; the cycle costs {price}][; with a duration of the "
+     "move "
+     "of {best/T_s} it would need {best/energy_J}]",
      "The move is not possible in {T_s}: {reason}", "T_s",
      "duration=T_s|cycle=cycle_s|energy of the cycle=energy_J|energy of the move=move_J|price of the cycle=price|CO2=co2_kg|"
      "largest power=peak_power_W"},
@@ -61,7 +65,7 @@ const Pattern kPatterns[] = {
      "T_s",
      "shortest duration beside a person=T_s|share of the limit=iso_ts_15066/share|largest "
      "speed=iso_ts_15066/speed_m_per_s|its limit=iso_ts_15066/limit_m_per_s",
-     "The move is ", "The move takes {T_s} at least beside a person, "},
+     nullptr, "The move takes {T_s} at least beside a person, "},
     {"safety", "", "In {T_s} the move is slow enough for contact with a person[ at the {worst_part}]",
      "The move is not possible in {T_s}: {reason}", "T_s",
      "duration=T_s|duration from which on it is safe=T_safe_s|share of the limit=iso_ts_15066/share|largest "
@@ -146,9 +150,8 @@ std::string digits_of(double x) {
 std::string words_of(const std::string& place, const Json& value) {
   if (value.is_array()) return std::to_string(value.size());
   if (value.is_string()) {
-    std::string words = value.get<std::string>();
-    if (place.ends_with("_part")) std::ranges::replace(words, '_', ' ');
-    return words;
+    const std::string words = value.get<std::string>();
+    return place.ends_with("_part") ? words_of_part(words) : words;
   }
   if (!value.is_number()) return value.dump();
   const Figure figure = read_by_people(place, value.get<double>());
@@ -219,12 +222,16 @@ void add_choice(const std::string& service, const Json& choice, Json& reply) {
     told["deadline_s"] = choice["deadline_s"];
     told["in_time"] = nullptr;
     const Json* T = nullptr;
+    std::string cycle;
     for (const std::string_view place : text::split(pattern_of(service, reply).due, '|'))
-      if (!T && !place.empty()) T = at(reply, std::string(place));
+      if (!T && !place.empty()) {
+        T = at(reply, std::string(place));
+        if (T && place.ends_with("T_cycle_s")) cycle = "the cycle of " + words_of("_s", *T) + " is ";
+      }
     if (T) {
       const bool in_time = T->get<double>() <= choice["deadline_s"].get<double>();
       told["in_time"] = in_time;
-      verdict.add(Of::kDeadline, in_time, "later than the deadline in " + words_of("_s", choice["deadline_s"]));
+      verdict.add(Of::kDeadline, in_time, cycle + "later than the deadline in " + words_of("_s", choice["deadline_s"]));
     } else {
       verdict.add(Of::kDeadline, Says::kUnknown, "the deadline is not regarded, the answer has no duration");
     }

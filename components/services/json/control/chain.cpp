@@ -140,10 +140,13 @@ std::string next_step(const std::string& chain, const std::vector<std::string>& 
   if (k >= steps.size()) return "";
   Json step = steps[k];
   std::map<std::string, Json> parsed;
+  const Audience reader{all.value("audience", "")};  // to whom nothing is left out
   for_references(step, place_of(k), [&](const std::string& name, const std::string& pointer, const std::string& place) {
     Json& reply = parsed[name];
     for (std::size_t earlier = 0; reply.is_null() && earlier < k; ++earlier)
-      if (name_of(steps, earlier) == name) reply = Json::parse(replies[earlier]);
+      if (name_of(steps, earlier) == name)
+        reply =
+            presented(steps[earlier]["service"], reader, steps[earlier].value("choice", Json()), Json::parse(replies[earlier]));
     Json value;
     try {
       value = reply.at(Pointer(pointer));

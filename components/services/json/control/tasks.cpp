@@ -32,7 +32,8 @@ Task task_of(Json request, const std::string& name, const TaskDefaults& defaults
   if (request.is_object()) {
     if (const std::string own = word_of(request, "name"); !own.empty()) task.name = own;
     request.erase("name");
-    if (!request.contains("require") && !defaults.require.empty()) request["require"] = defaults.require;
+    if (!defaults.require.empty() && (!request.contains("require") || request["require"] == "amber"))
+      request["require"] = defaults.require;  // the stricter one
     Json& members = is_chain(request) ? request["defaults"] : request;
     if (members.is_null() || members.is_object()) {
       if (!members.contains("robot")) members["robot"] = defaults.robot;
@@ -212,7 +213,10 @@ std::vector<Task> read_tasks(std::string_view text, const std::string& place, co
   return tasks;
 }
 
-std::string unmet(const Row& row) { return row.reply.empty() ? "" : Json::parse(row.reply)["verdict"].value("unmet", ""); }
+std::string unmet(const Row& row) {
+  const bool required = row.task.request.find("\"require\"") != std::string::npos;
+  return row.reply.empty() || !required ? "" : Json::parse(row.reply)["verdict"].value("unmet", "");
+}
 
 std::vector<Row> ask_all(Robots& robots, const std::vector<Task>& tasks, const Context& context) {
   std::vector<Row> rows;

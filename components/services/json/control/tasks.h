@@ -28,7 +28,7 @@ struct TaskDefaults {
   std::string detail;  // of tasks that have none; "": that of the services
   std::filesystem::path folder;
   bool brief = false;     // tasks without detail and audience have the verdict
-  std::string require{};  // the light of tasks that require none; "": any
+  std::string require{};  // the light that each task requires at least; "": none
 };
 std::vector<Task> read_tasks(std::string_view text, const std::string& place, const TaskDefaults& defaults);
 
