@@ -208,10 +208,10 @@ const std::map<std::string, std::vector<std::string>> kRooms = {
 
 /// Includes against the order, each for a reason.
 const std::set<std::pair<std::string, std::string>> kUpwards = {
-    {"components/services/json/json.cpp", "components/services/json/answers/answers.h"},   // calls the services by their names
-    {"components/services/json/json.cpp", "components/services/json/control/control.h"},   // which chooses them
-    {"fmu/import/load.cpp", "fmu/process/process.h"},                                      // chooses where an FMU runs
-    {"master/program/main.cpp", "master/program/commands/commands.h"},                     // the main function
+    {"components/services/json/json.cpp", "components/services/json/answers/answers.h"},  // calls the services by their names
+    {"components/services/json/json.cpp", "components/services/json/control/control.h"},  // which chooses them
+    {"fmu/import/load.cpp", "fmu/process/process.h"},                                     // chooses where an FMU runs
+    {"master/program/main.cpp", "master/program/commands/commands.h"},                    // the main function
 };
 
 /// The position in kRooms of the folder that contains the file, if `floor` has rooms.

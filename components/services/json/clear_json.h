@@ -3,8 +3,8 @@
 #include <memory>
 #include <optional>
 
-#include "components/services/json/verdict.h"
 #include "components/services/json/move_json.h"
+#include "components/services/json/verdict.h"
 #include "models/collision/meeting/meeting.h"
 
 /// The member clear_of of requests and replies, for the sources of this folder.

@@ -1,7 +1,7 @@
 #pragma once
 #include "components/services/contact_service.h"
-#include "components/services/json/verdict.h"
 #include "components/services/json/move_json.h"
+#include "components/services/json/verdict.h"
 #include "components/services/verification.h"
 
 /// The services, for json.cpp. Each reads its members, with their types, ranges, defaults and descriptions, up to Reader::finish(),
