@@ -239,22 +239,7 @@ void add_choice(const std::string& service, const Json& choice, Json& reply) {
   verdict.tell_findings(reply);
 }
 
-}  // namespace
-
-std::string detail_for(const std::string& audience) {
-  return audience == "operator" ? "verdict" : audience == "planner" ? "margins" : audience == "engineer" ? "all" : "";
-}
-
-Audience audience_of(const Json& request, bool detail) {
-  Audience audience;
-  if (!request.is_object()) return audience;
-  Reader r(request);
-  if (request.contains("audience")) audience.name = r.word("audience", kAudiences);
-  if (request.contains("require")) audience.least = r.word("require", kRequired);
-  audience.whole = audience.name.empty() || audience.name == "engineer" || detail;
-  return audience;
-}
-
+/// The verdict in a sentence, without the full stop.
 std::string sentence_of(const std::string& service, const Json& reply) {
   const Verdict verdict(reply);
   const Pattern& pattern = pattern_of(service, reply);
@@ -273,6 +258,22 @@ std::string sentence_of(const std::string& service, const Json& reply) {
     add("not measured: " + assumed[0]["what"].get<std::string>() +
         (assumed.size() > 1 ? " and " + std::to_string(assumed.size() - 1) + " more" : ""));
   return sentence;
+}
+
+}  // namespace
+
+std::string detail_for(const std::string& audience) {
+  return audience == "operator" ? "verdict" : audience == "planner" ? "margins" : audience == "engineer" ? "all" : "";
+}
+
+Audience audience_of(const Json& request, bool detail) {
+  Audience audience;
+  if (!request.is_object()) return audience;
+  Reader r(request);
+  if (request.contains("audience")) audience.name = r.word("audience", kAudiences);
+  if (request.contains("require")) audience.least = r.word("require", kRequired);
+  audience.whole = audience.name.empty() || audience.name == "engineer" || detail;
+  return audience;
 }
 
 Json presented(const std::string& service, const Audience& audience, const Json& choice, Json reply) {

@@ -66,8 +66,6 @@ Audience audience_of(const Json& request, bool detail);
 /// The reply with its verdict as its reader wants it. `choice`: of the request, null without one; it adds the findings on persons and
 /// deadline.
 Json presented(const std::string& service, const Audience& audience, const Json& choice, Json reply);
-/// The verdict of a reply in a sentence, without the full stop.
-std::string sentence_of(const std::string& service, const Json& reply);
 /// The detail of a reply without the member "detail"; "": that of the services.
 std::string detail_for(const std::string& audience);
 
