@@ -35,6 +35,8 @@ function(cotwin_fmu_link target)
   if(NOT COTWIN_SANITIZE)   # the program that loads this library has the sanitizer's run-time library
     target_sources(${target} PRIVATE $<TARGET_OBJECTS:cotwin::fmu_unload>)
     target_link_options(${target} PRIVATE -static-libstdc++ -static-libgcc LINKER:--no-undefined $<$<CONFIG:Release>:-s>)
+  else()   # line numbers are nine tenths of the library, and the tests compress hundreds of packages; reports keep the names of functions
+    target_link_options(${target} PRIVATE LINKER:--strip-debug)
   endif()
   if(cotwin_old_glibc)
     target_sources(${target} PRIVATE $<TARGET_OBJECTS:cotwin_fmu_old_glibc>)
