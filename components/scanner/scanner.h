@@ -28,7 +28,7 @@ using surroundings::Values;
 class Scanner final : public Unit {
  public:
   static void declare_settings(SettingList& s);
-  /// Throws Error for an unknown frame, for none where there is not just one robot, and for height fields.
+  /// Throws Error for an unknown frame, and for none where there is not just one robot.
   explicit Scanner(Settings& settings);
 
   void declare(Variables& v) override;

@@ -6,7 +6,7 @@ namespace cotwin::fmu {
 
 namespace {
 
-constexpr std::uint64_t kPackageMagic = 0x37554d4657544f43u;  // the bytes "COTWFMU7": the format and its version
+constexpr std::uint64_t kPackageMagic = 0x38554d4657544f43u;  // the bytes "COTWFMU8": the format and its version
 
 template <class Matrix>
 void put(ByteWriter& out, const Matrix& m) {
@@ -140,25 +140,6 @@ Enum choice(ByteReader& in, int last) {
   return static_cast<Enum>(value);
 }
 
-void put(ByteWriter& out, const scene::HeightField& field) {
-  const scene::HeightField::Image& image = field.image();
-  for (const std::size_t count : {image.width, image.height, image.sampling}) out.value(static_cast<std::uint64_t>(count));
-  for (const double length : {image.dx, image.dy, image.step}) out.value(length);
-  out.list(image.grey);
-}
-std::shared_ptr<const scene::HeightField> get_heights(ByteReader& in) {
-  scene::HeightField::Image image;
-  for (std::size_t* count : {&image.width, &image.height, &image.sampling})
-    *count = static_cast<std::size_t>(in.value<std::uint64_t>());
-  for (double* length : {&image.dx, &image.dy, &image.step}) *length = in.value<double>();
-  image.grey = in.list<std::uint16_t>();
-  try {
-    return std::make_shared<const scene::HeightField>(std::move(image));
-  } catch (const Error& e) {
-    in.fail(std::string("has a heightmap that is invalid: ") + e.what());
-  }
-}
-
 void put(ByteWriter& out, const scene::Shape& shape) {
   out.text(shape.name);
   out.value(static_cast<std::int32_t>(shape.type));
@@ -172,12 +153,10 @@ void put(ByteWriter& out, const scene::Shape& shape) {
                              m.foundation, m.foundation_damping, m.yield, m.breakthrough, m.whole ? 1.0 : 0.0})
     out.value(value);
   out.text(shape.tool);
-  out.value(static_cast<std::uint8_t>(static_cast<bool>(shape.heights)));
-  if (shape.heights) put(out, *shape.heights);
 }
 void get(ByteReader& in, scene::Shape& shape) {
   shape.name = in.text();
-  shape.type = choice<scene::ShapeType>(in, static_cast<int>(scene::ShapeType::kHeightmap));
+  shape.type = choice<scene::ShapeType>(in, static_cast<int>(scene::ShapeType::kEllipsoid));
   get(in, shape.size);
   shape.vertices.resize(in.count(sizeof(Eigen::Vector3d)));
   for (Eigen::Vector3d& vertex : shape.vertices) get(in, vertex);
@@ -190,8 +169,6 @@ void get(ByteReader& in, scene::Shape& shape) {
     *value = in.value<double>();
   m.whole = whole != 0;
   shape.tool = in.text();
-  if (in.value<std::uint8_t>() != 0) shape.heights.field = get_heights(in);
-  if (shape.type == scene::ShapeType::kHeightmap && !shape.heights) in.fail("has a heightmap without heights");
 }
 
 void put(ByteWriter& out, const std::vector<scene::Shape>& shapes) {

@@ -124,18 +124,12 @@ Json VisualWriter::write(const std::vector<scene::Visual>& visuals) {
 Json VisualWriter::write(const std::vector<scene::Shape>& shapes) {
   Json visuals = Json::array();
   std::vector<double> triangles;
-  const auto add = [&](const scene::Shape& shape, const std::vector<Eigen::Vector3d>& corners) {
-    for (const Eigen::Vector3d& corner : corners) {
-      const Eigen::Vector3d p = shape.X_BS * corner;
-      triangles.insert(triangles.end(), p.data(), p.data() + 3);
-    }
-  };
-  constexpr std::size_t kMostCells = 128;  // along a side of a heightmap
   for (const scene::Shape& shape : shapes) {
-    if (shape.type == scene::ShapeType::kHeightmap) {
-      add(shape, shape.heights->coarse_triangles(kMostCells));
-    } else if (shape.type == scene::ShapeType::kTriangle) {
-      add(shape, shape.vertices);
+    if (shape.type == scene::ShapeType::kTriangle) {
+      for (const Eigen::Vector3d& corner : shape.vertices) {
+        const Eigen::Vector3d p = shape.X_BS * corner;
+        triangles.insert(triangles.end(), p.data(), p.data() + 3);
+      }
     } else if (Json visual = shape_json(shape); !visual.is_null()) {
       visuals.push_back(std::move(visual));
     }

@@ -49,7 +49,7 @@ void add_polytope(const scene::Polytope& polytope, std::vector<Patch>& patches) 
   }
 }
 
-/// Of the shape in its own frame; none of a plane or heightmap.
+/// Of the shape in its own frame; none of a plane.
 std::vector<Patch> patches_of(const Shape& shape) {
   std::vector<Patch> patches;
   const double r = shape.size.x(), length = shape.size.y();
@@ -98,7 +98,6 @@ std::vector<Patch> patches_of(const Shape& shape) {
       patches.push_back(triangle(shape.vertices[0], shape.vertices[1], shape.vertices[2]));
       break;
     case ShapeType::kPlane:
-    case ShapeType::kHeightmap:
       break;
   }
   return patches;

@@ -15,10 +15,10 @@ struct Sampling {
 };
 
 /// Points on the surfaces of a scene's bodies where these start, spread evenly [Roberts 2018: the sequence R2], also where they are inside of others.
-/// `left_out`: bodies with planes, which have no end, and heightmaps, whose shapes of these kinds have no points. Throws Error for more than 10⁸ points.
+/// `left_out`: bodies with planes, which have no end and no points. Throws Error for more than 10⁸ points.
 Cloud sample(const scene::Scene& scene, const Sampling& sampling, std::vector<std::string>& left_out);
 
-/// The area of a body's shapes, m², without planes and heightmaps.
+/// The area of a body's shapes, m², without planes.
 double area(const scene::Body& body);
 
 }  // namespace cotwin::cloud

@@ -15,8 +15,6 @@ using Eigen::Vector3d;
 Body::Body(std::span<const scene::Shape> shapes) {
   std::vector<std::uint32_t> bounded;
   for (const scene::Shape& shape : shapes) {
-    if (shape.type == scene::ShapeType::kHeightmap)
-      throw Error("shape '" + shape.name + "'", "is a heightmap, whose distance is not measured; expected other shapes");
     const auto k = static_cast<std::uint32_t>(pieces_.size());
     pieces_.push_back(shape.type == scene::ShapeType::kTriangle ? make_flat(shape) : make_convex(shape));
     present_.push_back(shape.tool.empty() ? 1 : 0);

@@ -23,7 +23,7 @@ namespace cotwin::collision {
 /// Or the points of a cloud, with a ball around each. A cloud has no inside: what it encloses without touching a ball is clear.
 class Body {
  public:
-  /// Throws Error for a hull without volume and for height fields.
+  /// Throws Error for a hull without volume.
   explicit Body(std::span<const scene::Shape> shapes);
   /// A cloud; `radius` of the balls, m.
   Body(std::shared_ptr<const cloud::Tree> points, double radius);

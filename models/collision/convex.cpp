@@ -199,15 +199,6 @@ Convex make_convex(const scene::Shape& shape) {
       cover(convex, shape);
       return convex;
     }
-    case scene::ShapeType::kHeightmap: {
-      const scene::HeightField& field = *shape.heights;
-      convex.core = Core::kHeights;
-      convex.heights = shape.heights;
-      convex.extent = {field.dx() * static_cast<double>(field.columns()) / 2,
-                       field.dy() * static_cast<double>(field.rows()) / 2, (field.high() - field.low() + field.depth()) / 2};
-      convex.X_BC = shape.X_BS * Pose{Eigen::Matrix3d::Identity(), {0, 0, field.high() - convex.extent.z()}};
-      return convex;
-    }
     case scene::ShapeType::kHull:
       return polytope_of(scene::convex_hull(shape.vertices), shape.X_BS);
   }
@@ -290,8 +281,7 @@ bool points_out_of_covered(const Placed& piece, const Vector3d& d) {
   constexpr double kSame = 1e-9;  // of the extent
   const double top = vertices[farthest_vertex(c.polytope, d_C)].dot(d_C) - kSame * c.extent.maxCoeff();
   const auto farthest = std::count_if(vertices.begin(), vertices.end(), [&](const Vector3d& v) { return v.dot(d_C) >= top; });
-  const double lean =
-      c.sides.empty() ? 0.05 : 1e-6;  // sine; a ball on columns or triangles must not be pushed aside by their seams
+  const double lean = c.sides.empty() ? 0.05 : 1e-6;  // sine; a ball on triangles must not be pushed aside by their seams
   for (std::size_t f = 0; f < c.covered.size(); ++f) {
     const scene::Polytope::Face& face = c.polytope.faces[f];
     if (c.covered[f] == 0 || (c.sides.empty() ? face.n : c.sides[f].outwards).dot(d_C) <= lean) continue;
@@ -308,7 +298,6 @@ Vector3d support(const Placed& piece, const Vector3d& d) {
   switch (c.core) {
     case Core::kPlane:
     case Core::kPoint:
-    case Core::kHeights:
       return piece.p;
     case Core::kSegment:
       return piece.p + piece.R.col(2) * std::copysign(c.half, d_C.z());
@@ -336,7 +325,6 @@ void supporting_feature(const Placed& piece, const Vector3d& d, Feature& feature
   switch (c.core) {
     case Core::kPlane:
     case Core::kPoint:
-    case Core::kHeights:
       feature.corners.push_back({piece.p, 0, 0});
       return;
     case Core::kEllipsoid:
@@ -388,7 +376,6 @@ Vector3d half_sizes(const Convex& c, const Eigen::Matrix3d& R) {
     case Core::kEllipsoid:
       return half + (R * c.extent.asDiagonal()).rowwise().norm();
     case Core::kPolytope:
-    case Core::kHeights:
       return half + R.cwiseAbs() * c.extent;
   }
   return half;

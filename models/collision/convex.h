@@ -17,22 +17,21 @@ enum class Core : std::uint8_t {
   kSegment,   // on the z axis of C
   kCylinder,  // about the z axis of C
   kEllipsoid,
-  kPolytope,
-  kHeights  // not convex: its columns are polytopes (terrain.h)
+  kPolytope
 };
 
 /// A convex shape in its own frame C, whose origin is in its middle.
 struct Convex {
   Core core = Core::kPoint;
   bool box = false;                                  // polytope with the faces of box_polytope
-  bool triangle = false;                             // prism behind a triangle of a mesh, or column below one of a height field
+  bool triangle = false;                             // prism behind a triangle of a mesh
   double round = 0;                                  // distance of the surface from the core, m: sphere, capsule
   double half = 0;                                   // half length of a segment or cylinder, m
   double radius = 0;                                 // of a cylinder, m
   Eigen::Vector3d extent = Eigen::Vector3d::Zero();  // half sizes of the core along C's axes, m
   scene::Polytope polytope;
   std::vector<std::uint8_t> covered;  // per face: 1 if another piece of the body covers all of it; empty if none is covered
-  /// Of a triangle of a mesh or a column (terrain.h): what is beyond a side. A side may be covered where a convex edge above it is not.
+  /// Of a triangle of a mesh: what is beyond a side. A side may be covered where a convex edge above it is not.
   struct Side {
     Eigen::Vector3d outwards = Eigen::Vector3d::Zero();  // across the upper edge in the plane of the top, unit
     double turn = 0;  // angle from the normal of the top to that of the neighbour's, rad; 0: the edge is flat or concave
@@ -40,7 +39,6 @@ struct Convex {
   std::vector<Side> sides;  // per face; empty for other shapes
   std::size_t top = 0;      // of their faces, the one that is the triangle
   Pose X_BC;                // in the body
-  scene::SharedField heights;
 };
 
 /// Throws Error for a hull without volume.
@@ -81,7 +79,7 @@ void supporting_feature(const Placed& piece, const Eigen::Vector3d& d, Feature& 
 inline constexpr int kDiscCorners = 16;
 
 /// Returns whether d points out of a covered face that contains the part farthest along d: such a d is no contact normal. Convex
-/// edges of triangles and columns are not covered.
+/// edges of triangles are not covered.
 bool points_out_of_covered(const Placed& piece, const Eigen::Vector3d& d);
 
 /// Half sizes of a piece's bounding box along the axes of a frame in which it is turned by R.

@@ -18,7 +18,7 @@ struct Distance {
 /// (slender hulls to 1e-7). Points are on the surfaces to 1e-9 of the size, of 1000 pairs one only to 2e-8, and to 1e-6 if cylinders or ellipsoids overlap. Depths of
 /// spheres, of capsules, and of polytopes with fewer than 4000 pairs of edges, are the least; others are the least that is found from 100 directions: of
 /// 1000 pairs one may be too deep, by less than 1 %. Finite, but of two planes infinity. `scratch` has room for the corners of a face.
-/// Neither is a height field. Allocates nothing.
+/// Allocates nothing.
 /// If the distance is more than `most`, the result may be a lower bound above it instead, with points that are not the nearest.
 Distance distance(const Placed& a, const Placed& b, Feature& scratch, double most = scene::kInfinity);
 

@@ -112,8 +112,6 @@ double first_along(const Ray& ray, const Convex& piece) {
       for (const scene::Polytope::Face& face : piece.polytope.faces) stretch.cut(face.n.dot(p) - face.d, face.n.dot(d));
       break;
     }
-    case Core::kHeights:
-      return kInfinity;
   }
   return stretch.first();
 }

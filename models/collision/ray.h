@@ -13,7 +13,7 @@ struct Ray {
 };
 
 /// The distance along a ray to the first point of a piece, both in the same frame: 0 from inside, infinity if it passes by. A flat triangle
-/// (make_flat) is met from both sides, but not by rays in its plane. Height fields are not met.
+/// (make_flat) is met from both sides, but not by rays in its plane.
 double first_along(const Ray& ray, const Convex& piece);
 
 /// The corners of a flat triangle, counter-clockwise seen from its front.

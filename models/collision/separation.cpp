@@ -210,9 +210,6 @@ Separation of_point(const Placed& piece, const Vector3d& p, double enough) {
     case Core::kEllipsoid:
       s = from_ellipsoid(c, p_C);
       break;
-    case Core::kHeights:
-      s = towards(Vector3d::Zero(), p_C, Vector3d::UnitZ());
-      break;
     case Core::kPolytope:
       s = c.box ? from_box(c, p_C) : from_polytope(c.polytope, p_C, enough);
       break;

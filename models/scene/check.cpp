@@ -109,10 +109,6 @@ void check_shape(const Checker& c, const Shape& shape, Motion motion) {
         c.expect(false, e.what());
       }
       break;
-    case ShapeType::kHeightmap:
-      c.expect(static_cast<bool>(shape.heights), "a heightmap without heights");
-      c.expect(motion == Motion::kStatic, "a heightmap on a moving body, expected a static one");
-      break;
     case ShapeType::kPlane:
       c.expect(motion != Motion::kDynamic, "a plane on a dynamic body");
       break;

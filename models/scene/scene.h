@@ -6,7 +6,6 @@
 
 #include "models/mechanics/inertia.h"
 #include "models/mechanics/pose.h"
-#include "models/scene/height_field.h"
 
 /// Bodies, shapes, joints and contact parameters of an environment: the input of the contact world.
 namespace cotwin::scene {
@@ -37,9 +36,9 @@ struct Material {
   friend bool operator==(const Material&, const Material&) = default;
 };
 
-enum class ShapeType { kSphere, kBox, kCylinder, kCapsule, kHull, kPlane, kTriangle, kEllipsoid, kHeightmap };
+enum class ShapeType { kSphere, kBox, kCylinder, kCapsule, kHull, kPlane, kTriangle, kEllipsoid };
 
-/// A convex piece of a body's surface, or the surface of a height field, in its own frame S.
+/// A convex piece of a body's surface, in its own frame S.
 struct Shape {
   std::string name;
   ShapeType type = ShapeType::kSphere;
@@ -51,8 +50,7 @@ struct Shape {
       Eigen::Vector3d::Zero();  // triangle: at each of these edges, angle to the neighbour's normal if it is convex, rad
   Pose X_BS;                    // in the body's frame
   Material material;
-  SharedField heights = {};  // heightmap: the ground, with solid below it
-  std::string tool = {};     // the shape comes and goes with the tool of this name; "": it is always there
+  std::string tool = {};  // the shape comes and goes with the tool of this name; "": it is always there
 
   friend bool operator==(const Shape&, const Shape&) = default;
 };

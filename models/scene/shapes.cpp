@@ -143,8 +143,6 @@ Inertia solid_inertia(const Shape& shape, double density) {
     }
     case ShapeType::kTriangle:
       throw Error("a triangle has no mass");
-    case ShapeType::kHeightmap:
-      throw Error("a heightmap has no mass");
     case ShapeType::kPlane:
       throw Error("a plane has no mass");
   }

@@ -25,7 +25,7 @@ std::vector<Eigen::Vector3d> cone(double radius, double length);
 /// The six corners of the prism that a kTriangle stands for, in its frame: the triangle, and the same at its depth.
 std::vector<Eigen::Vector3d> triangle_corners(const Shape& triangle);
 
-/// Mass distribution of the solid shape in the body's frame, from the density (kg/m³). Throws Error for a plane, a triangle or a heightmap.
+/// Mass distribution of the solid shape in the body's frame, from the density (kg/m³). Throws Error for a plane or a triangle.
 Inertia solid_inertia(const Shape& shape, double density);
 
 }  // namespace cotwin::scene

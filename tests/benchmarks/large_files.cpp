@@ -2,19 +2,16 @@
 // `large_files FOLDER [N]` writes them, so that commands can be tried on them.
 #include <unistd.h>
 
-#include <cmath>
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <iostream>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include "fmu/archive/archive.h"
 #include "tests/benchmarks/measure.h"
 #include "tests/support/places.h"
-#include "tests/support/png.h"
 #include "tests/support/run_program.h"
 
 namespace {
@@ -85,41 +82,6 @@ void write_columns(const fs::path& folder, std::size_t n) {
 )";
 }
 
-/// A map with this number of samples on a side, hills 25 cm apart with steps between them, and three bodies above it.
-void write_ground(const fs::path& folder, std::size_t side) {
-  const auto grey = [](int x, int y) {
-    const double hills = 4000 * (2 + std::sin(0.011 * x) + std::cos(0.017 * y));
-    return static_cast<int>(hills) + ((x / 64 + y / 64) % 2 == 0 ? 8000 : 0) + (x * 7919 + y * 104729) % 400;
-  };
-  std::ofstream(folder / "ground.png", std::ios::binary)
-      << testing::grey_png(static_cast<int>(side), static_cast<int>(side), grey);
-  const std::string size = std::to_string(0.25 * static_cast<double>(side - 1));
-  std::ofstream sdf(folder / "ground.sdf");
-  sdf << "<sdf version='1.10'><world name='w'><model name='ground'><static>true</static><link name='l'><collision name='c'>"
-         "<geometry><heightmap><uri>ground.png</uri><size>"
-      << size << " " << size << " 20</size></heightmap></geometry></collision></link></model>";
-  const std::pair<const char*, const char*> bodies[] = {
-      {"box", "<box><size>0.4 0.3 0.2</size></box>"},
-      {"ball", "<sphere><radius>0.2</radius></sphere>"},
-      {"roll", "<cylinder><radius>0.2</radius><length>0.5</length></cylinder>"}};
-  double x = -3.7;
-  for (const auto& [name, shape] : bodies) {
-    sdf << "<model name='" << name << "'><pose>" << x << " 2.1 20 0.1 0.2 0.3</pose><link name='l'><inertial auto='true'/>"
-        << "<collision name='c'><geometry>" << shape << "</geometry></collision></link></model>";
-    x += 3.3;
-  }
-  sdf << "</world></sdf>\n";
-  std::ofstream(folder / "ground.ssd") << R"(<?xml version="1.0" encoding="UTF-8"?>
-<ssd:SystemStructureDescription version="1.0" name="ground" xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription"
-    xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon">
-  <ssd:System name="ground">
-    <ssd:Elements><ssd:Component name="world" source="unit:contact_world?scene=ground.sdf" type="application/x-cotwin-unit"/></ssd:Elements>
-    <ssd:Annotations><ssc:Annotation type="cotwin.master"><c:Master xmlns:c="urn:cotwin:master:1" tick="0.001"/></ssc:Annotation></ssd:Annotations>
-  </ssd:System>
-</ssd:SystemStructureDescription>
-)";
-}
-
 struct Cost {
   double seconds = 0;  // CPU time
   double megabytes = 0;
@@ -154,16 +116,11 @@ int main(int argc, char** argv) {
   write_fmu(folder, n);
   write_events(folder, n);
   write_columns(folder, n);
-  write_ground(folder, n < 1'000'000 ? 129 : 4097);
   if (!measures) return 0;
   bool done = report(folder, "FMU of 1e6 variables, cotwin info", {"info", "variables.fmu"}, 3, 1500);
   done = report(folder, "FMU of 1e6 variables, cotwin check", {"check", "variables.fmu"}, 0, 1500) && done;
   done = report(folder, "1e6 events, cotwin check", {"check", "events.ssd"}, 3, 1000) && done;
   done = report(folder, "1e6 CSV columns, cotwin run, 1 tick", {"run", "columns.ssd", "--stop", "0.001", "--quiet"}, 5, 1000) &&
-         done;
-  // 20 bytes a sample
-  done = report(folder, "heightmap of 4097 x 4097, cotwin run, 3000 ticks", {"run", "ground.ssd", "--stop", "3", "--quiet"}, 5,
-                336) &&
          done;
   fs::remove_all(folder);
   return done ? 0 : 1;

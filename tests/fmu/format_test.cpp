@@ -441,16 +441,15 @@ TEST(Package, CarriesARobotToTheLastBit) {
   EXPECT_EQ(*back.robot, robot);
 }
 
-TEST(Package, CarriesASceneWithItsHeightsGearsAndFrames) {
+TEST(Package, CarriesASceneWithItsShapesGearsAndFrames) {
   scene::Scene scene;
   scene.name = "s";
   scene.bodies.resize(3);
-  scene::HeightField::Image image{3, 2, {0, 1, 65535, 7, 8, 9}, 2, 0.1, 0.2, 1e-4};
   scene.bodies[0].name = "ground";
   scene.bodies[0].motion = scene::Motion::kStatic;
   scene.bodies[0].shapes.resize(1);
-  scene.bodies[0].shapes[0].type = scene::ShapeType::kHeightmap;
-  scene.bodies[0].shapes[0].heights.field = std::make_shared<const scene::HeightField>(image);
+  scene.bodies[0].shapes[0].type = scene::ShapeType::kEllipsoid;
+  scene.bodies[0].shapes[0].size = {1, 2, 3};
   for (const int k : {1, 2}) {
     scene::Body& body = scene.bodies[static_cast<std::size_t>(k)];
     body.name = std::to_string(k);
@@ -471,8 +470,7 @@ TEST(Package, CarriesASceneWithItsHeightsGearsAndFrames) {
   ASSERT_NE(back.cell, nullptr);
   EXPECT_EQ(back.cell->scene, scene);
 
-  image.grey.back() = 10;
-  scene.bodies[0].shapes[0].heights.field = std::make_shared<const scene::HeightField>(image);
+  scene.bodies[0].shapes[0].size.z() = 4;
   EXPECT_FALSE(back.cell->scene == scene);
 }
 

@@ -41,7 +41,7 @@ Placed place(const RigidBody& body, const Piece& piece, const Vector3d& origin) 
   return {&piece.convex, body.R * X_PC.R, body.p - origin + body.R * X_PC.p};
 }
 
-bool unbounded(const Convex& c) { return c.core == Core::kPlane || c.core == Core::kHeights; }
+bool unbounded(const Convex& c) { return c.core == Core::kPlane; }
 double half_size(const Convex& c) { return unbounded(c) ? kInfinity : c.extent.minCoeff() + c.round; }
 /// The largest distance of the core from P's origin.
 double reach_of(const RigidBody& body, const Convex& c) {
@@ -255,19 +255,15 @@ double Advance::time_of_impact(std::size_t a, std::size_t b, double start, doubl
   double first = kInfinity;
   for (const Piece& of_b : bodies_[b].pieces) {
     double t = kInfinity;
-    if (of_b.convex.core == Core::kHeights) {
-      t = start + time_of_impact(A, bodies_[a], B, of_b, end - start, near, slow);
-    } else {
-      const Vector3d offset = B.R * (B.X_PB * of_b.convex.X_BC.p);
-      const double moved = duration * B.w.norm() * offset.norm();
-      const double radius = unbounded(of_b.convex) ? kInfinity : of_b.convex.extent.norm() + of_b.convex.round;
-      if (distance_from_segment(B.p + offset, A.p, displacement) > A.radius + radius + moved) continue;
-      for (const Piece& of_a : bodies_[a].pieces) {
-        const bool on_mesh = mesh.touches && (of_a.convex.triangle || of_b.convex.triangle) && !of_a.soft && !of_b.soft;
-        if (on_mesh && slow) continue;
-        const double closer = on_mesh ? -kInfinity : near;
-        t = std::min(t, start + time_of_impact(A, B, of_a, of_b, end - start, closer, slow, mesh.gap));
-      }
+    const Vector3d offset = B.R * (B.X_PB * of_b.convex.X_BC.p);
+    const double moved = duration * B.w.norm() * offset.norm();
+    const double radius = unbounded(of_b.convex) ? kInfinity : of_b.convex.extent.norm() + of_b.convex.round;
+    if (distance_from_segment(B.p + offset, A.p, displacement) > A.radius + radius + moved) continue;
+    for (const Piece& of_a : bodies_[a].pieces) {
+      const bool on_mesh = mesh.touches && (of_a.convex.triangle || of_b.convex.triangle) && !of_a.soft && !of_b.soft;
+      if (on_mesh && slow) continue;
+      const double closer = on_mesh ? -kInfinity : near;
+      t = std::min(t, start + time_of_impact(A, B, of_a, of_b, end - start, closer, slow, mesh.gap));
     }
     if (t < end) first = end = t;
   }
@@ -292,36 +288,7 @@ Advance::Floor Advance::floor_of_mesh(const RigidBody& a, const Body& pieces_of_
   return floor;
 }
 
-/// Time from now until the body meets the ground; infinite if it does not before `end`. The ground is one surface: a body that touches it somewhere
-/// slides over its seams.
-double Advance::time_of_impact(const RigidBody& a, const Body& pieces_of_a, const RigidBody& b, const Piece& ground, double end,
-                               double near, bool slow) {
-  const Pose X_CW = (Pose{b.R, b.p} * b.X_PB * ground.convex.X_BC).inverse();
-  const Vector3d start = X_CW * a.p, end_of_way = X_CW * Vector3d(a.p + end * (a.v - b.v)),
-                 reach = Vector3d::Constant(a.radius);
-  const auto for_each = [&](const Vector3d& to, auto&& visit) {
-    for (collision::Columns columns(ground.convex, start.cwiseMin(to) - reach, start.cwiseMax(to) + reach); columns.next();) {
-      columns.write(column_.convex);
-      column_.convex.X_BC = ground.convex.X_BC * column_.convex.X_BC;
-      column_.soft = ground.soft;
-      for (const Piece& piece : pieces_of_a.pieces) visit(piece);
-    }
-  };
-  Floor floor;
-  for_each(start, [&](const Piece& of_a) {
-    const Distance d = distance(place(a, of_a, a.p), place(b, column_, a.p), scratch_);
-    if (d.d <= near) floor.add(d.d, half_size(of_a.convex));
-  });
-  double first = kInfinity;
-  for_each(end_of_way, [&](const Piece& of_a) {
-    if (floor.touches && (of_a.soft || ground.soft)) return;
-    const double t = time_of_impact(a, b, of_a, column_, end, floor.touches ? -kInfinity : near, slow, floor.gap);
-    if (t < end) first = end = t;
-  });
-  return first;
-}
-
-/// Time from now, likewise.
+/// Time from now until the pieces meet; infinite if they do not before `end`.
 double Advance::time_of_impact(const RigidBody& a, const RigidBody& b, const Piece& of_a, const Piece& of_b, double end,
                                double near, bool slow, double floor) {
   const double least = std::min(half_size(of_a.convex), half_size(of_b.convex));

@@ -5,7 +5,6 @@
 
 #include "components/contact_world/engine/body/body.h"
 #include "models/collision/contact/detector.h"
-#include "models/collision/contact/terrain.h"
 
 namespace cotwin::contact_world {
 
@@ -54,7 +53,7 @@ class Advance {
     double reach = 0;        // largest distance of their cores from P's origin, m
     double limit = 0;        // motion in a step beyond which it is fast, m
     double speed = 0;        // upper bound of that of its points, less the common velocity, m/s
-    bool unbounded = false;  // has a plane or a height field
+    bool unbounded = false;  // has a plane
     bool meshed = false;     // has triangles
     int rank = 0;            // 0: free, 1: with joints, 2: driven, 3: static
     bool fast = false;
@@ -81,9 +80,6 @@ class Advance {
   void join(std::size_t a, std::size_t b, double t, double h);
   double time_of_impact(std::size_t a, std::size_t b, double start, double end, double h, double near);
   Floor floor_of_mesh(const RigidBody& a, const Body& pieces_of_a, const RigidBody& b, const Body& pieces_of_b, double near);
-  /// `ground`: a height field on b, which is static.
-  double time_of_impact(const RigidBody& a, const Body& pieces_of_a, const RigidBody& b, const Piece& ground, double end,
-                        double near, bool slow);
   /// `floor`: gap at which the pieces meet, if they have no contact points at the start.
   double time_of_impact(const RigidBody& a, const RigidBody& b, const Piece& of_a, const Piece& of_b, double end, double near,
                         bool slow, double floor = 0);
@@ -92,7 +88,6 @@ class Advance {
   const collision::Detector* detector_ = nullptr;
   std::vector<Body> bodies_;
   std::vector<Way> ways_;
-  Piece column_{.convex = collision::make_column()};
   collision::Feature scratch_;
   bool has_free_ = false;  // with shapes
   bool any_ = false;

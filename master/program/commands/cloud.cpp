@@ -103,7 +103,7 @@ cloud::Cloud sampled(const CloudArguments& a) {
   if (!around.clouds.empty())
     throw Error("--from " + a.from, "is a point cloud, expected a scene, or the cloud without --from");
   cloud::Cloud cloud = cloud::sample(around.scene, a.sampling, left_out);
-  if (!left_out.empty()) notes.push_back("without planes and heightmaps: " + text::joined(left_out));
+  if (!left_out.empty()) notes.push_back("without planes: " + text::joined(left_out));
   for (const std::string& note : notes) std::cerr << "cotwin: warning: " << note << '\n';
   if (cloud.points.empty())
     throw Error(a.from, "has no surface of " + text::to_text(a.sampling.spacing) + " m by as much, so no points");

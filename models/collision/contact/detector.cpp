@@ -7,7 +7,6 @@
 
 #include "models/collision/contact/narrow_phase.h"
 #include "models/collision/contact/patch.h"
-#include "models/collision/contact/terrain.h"
 #include "models/collision/separation.h"
 
 namespace cotwin::collision {
@@ -55,7 +54,6 @@ struct Detector::Impl {
   std::vector<std::size_t> ends, ends_before;  // of each candidate's points
   NarrowPhase narrow_phase;
   Patch patch;
-  Terrain terrain;
   std::vector<ManifoldPoint> touches;
   std::vector<ContactPoint> points, points_before;
 };
@@ -104,7 +102,6 @@ Detector::Impl::Impl(const scene::Scene& scene) {
   wide.reserve(pieces.size());
   narrow_phase.reserve(corners);
   patch.reserve(corners);
-  terrain.reserve(corners, 0);
   touches.reserve(8);
 }
 
@@ -200,16 +197,11 @@ void Detector::Impl::sweep(double margin) {
 void Detector::Impl::add_points(const Candidate& candidate, double margin) {
   const auto i = static_cast<std::uint32_t>(candidate.pieces >> 32), j = static_cast<std::uint32_t>(candidate.pieces);
   const Core core = placed[i].convex->core;
-  const Vector3d origin = core == Core::kPlane || core == Core::kHeights ? placed[j].p : placed[i].p;
+  const Vector3d origin = core == Core::kPlane ? placed[j].p : placed[i].p;
   const Placed a{placed[i].convex, placed[i].R, placed[i].p - origin}, b{placed[j].convex, placed[j].R, placed[j].p - origin};
   const bool yields = pieces[i].foundation || pieces[j].foundation, prefer_b = pieces[j].foundation && !pieces[i].foundation;
-  if (core == Core::kHeights || b.convex->core == Core::kHeights) {
-    using enum Terrain::Kind;
-    terrain.find(a, b, !yields ? kPoints : prefer_b ? kPatchOnB : kPatchOnA, margin, touches);
-  } else {
-    const Vector3d n = narrow_phase.find(a, b, margin, touches);
-    if (!touches.empty() && yields) patch.find(a, b, prefer_b, n, margin, touches);
-  }
+  const Vector3d n = narrow_phase.find(a, b, margin, touches);
+  if (!touches.empty() && yields) patch.find(a, b, prefer_b, n, margin, touches);
   std::sort(touches.begin(), touches.end(), [](const ManifoldPoint& s, const ManifoldPoint& t) { return s.id < t.id; });
   for (const ManifoldPoint& t : touches) {
     points.push_back({pieces[i].body, pieces[j].body, pieces[i].shape, pieces[j].shape, origin + t.p, t.n, t.gap, t.id, t.area,
@@ -279,10 +271,7 @@ bool Detector::ignores(int body_a, int body_b) const {
 }
 std::span<const ContactPoint> Detector::points() const { return impl_->points; }
 void Detector::reserve(std::size_t points) {
-  const bool ground = std::ranges::any_of(impl_->pieces, [](const Piece& p) { return p.convex.core == Core::kHeights; });
-  const std::size_t of_pair = ground ? Terrain::kColumns * points : points;
-  impl_->terrain.reserve(0, of_pair);
-  impl_->touches.reserve(of_pair);
+  impl_->touches.reserve(points);
   for (auto* list : {&impl_->points, &impl_->points_before}) list->reserve(points);
   for (auto* list : {&impl_->candidates, &impl_->candidates_before}) list->reserve(points);
   for (auto* list : {&impl_->ends, &impl_->ends_before}) list->reserve(points);

@@ -289,14 +289,6 @@ void Manifold::on_plane(const Placed& plane, const Placed& b, const Vector3d& n,
   choose(margin, touches);
 }
 
-void Manifold::choose_of(const Vector3d& n, std::vector<ManifoldPoint>& touches) {
-  t1_ = n.unitOrthogonal();
-  t2_ = n.cross(t1_);
-  found_.assign(touches.begin(), touches.end());
-  touches.clear();
-  choose(scene::kInfinity, touches);
-}
-
 /// Selects four of the points: the deepest, the one farthest from it, and on each side of these two the one that encloses the
 /// largest area. Among (nearly) equal points the lowest id, so that rounding does not decide.
 double Manifold::choose(double margin, std::vector<ManifoldPoint>& touches) {

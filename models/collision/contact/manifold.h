@@ -44,9 +44,6 @@ class Manifold {
   void on_plane(const Placed& plane, const Placed& b, const Eigen::Vector3d& n, double margin,
                 std::vector<ManifoldPoint>& touches);
 
-  /// Keeps four of the points, which have the normal n, as find() does.
-  void choose_of(const Eigen::Vector3d& n, std::vector<ManifoldPoint>& touches);
-
  private:
   struct Point {
     Eigen::Vector2d u;             // in the plane across n

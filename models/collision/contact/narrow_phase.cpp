@@ -68,7 +68,7 @@ Vector3d NarrowPhase::find(const Placed& a, const Placed& b, double margin, std:
   if (!inside) return n;
   double gap = scene::kInfinity;
   for (const ManifoldPoint& t : touches) gap = std::min(gap, t.gap);
-  // Of the triangles of a surface: what leaves a column by its side far sooner than by its top is in the neighbour's solid.
+  // Of the triangles of a surface: what leaves a prism by its side far sooner than by its top is in the neighbour's solid.
   constexpr double kSooner = 4, kSlack = 1e-4;  // of the smaller one's size
   const double slack = kSlack * std::min(a.convex->extent.norm() + a.convex->round, b.convex->extent.norm() + b.convex->round);
   const bool of_surface = a.convex->triangle || b.convex->triangle;

@@ -240,7 +240,6 @@ void Patch::add_piece(const Placed& base, const Placed& piece, double level) {
   const Convex& c = *piece.convex;
   switch (c.core) {
     case Core::kPlane:
-    case Core::kHeights:
       return;
     case Core::kPoint: {
       const double other = base.convex->core == Core::kPoint ? base.convex->round : 0;

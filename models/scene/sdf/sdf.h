@@ -18,13 +18,11 @@ namespace cotwin::scene {
 ///   link       pose, inertial (also auto="true" with density), kinematic (prescribed motion: Motion::kDriven), collision; an error:
 ///              gravity false;
 ///              cotwin:velocity: initial [v; w] of the link's frame, expressed in the world
-///   collision  pose, density, geometry (box, sphere, cylinder, capsule, ellipsoid, cone, plane, mesh, heightmap,
+///   collision  pose, density, geometry (box, sphere, cylinder, capsule, ellipsoid, cone, plane, mesh,
 ///              cotwin:round_hole), surface:
 ///              friction/ode/mu, mu2, fdir1, friction/torsional, bounce/restitution_coefficient, contact/ode/kp and kd (kp absent
 ///              or 10¹²: rigid), contact/collide_bitmask (one per link; bodies without a common bit do not touch),
 ///              contact/cotwin:foundation; errors: category_bitmask, collide_without_contact. Convex meshes become hulls, concave ones triangles (mesh.h), with a warning;
-///              heightmap: uri (a PNG with grey pixels), size, pos, sampling, on static bodies only, at most
-///              4097 × 4097 (heightmap.h)
 ///   joint      revolute, continuous, prismatic, ball, fixed, screw (screw_thread_pitch, thread_pitch), universal and revolute2
 ///              (two hinges `name`, `name.axis2` and a light body `name.cross`), gearbox (a gear between two hinges on its
 ///              reference body); pose, parent, child, axis, axis2: xyz, use_parent_model_frame (until 1.6), limit (±inf and ±10¹⁶:

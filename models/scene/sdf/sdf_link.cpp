@@ -11,7 +11,6 @@
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/file.h"
 #include "models/foundation/support/text.h"
-#include "models/scene/heightmap.h"
 #include "models/scene/mesh.h"
 #include "models/scene/shapes.h"
 
@@ -137,43 +136,6 @@ struct Geometry {
   std::optional<Inertia> unit;
 };
 
-Shape read_heightmap(const xml::Element& element, bool is_static, const fs::path& folder, const Warn& warn) {
-  check_children(element, {"uri", "size", "pos", "sampling"}, {"texture", "blend", "use_terrain_paging"}, {}, warn);
-  if (!is_static) throw Error(element.place, "a <heightmap> on a moving body, expected a static one");
-  Heightmap map;
-  if (const xml::Element* size = only(element, "size")) map.size = vector(*size);
-  if (const xml::Element* pos = only(element, "pos")) map.pos = vector(*pos);
-  if (const xml::Element* sampling = only(element, "sampling")) {
-    const double count = number(*sampling);
-    constexpr double kMost = 1024;
-    if (!(count >= 1 && count <= kMost && count == std::floor(count)))
-      throw Error(sampling->place, "<sampling>: " + sampling->content + ", expected a whole number from 1 to 1024");
-    map.sampling = static_cast<std::size_t>(count);
-  }
-  const xml::Element& uri = required(element, "uri");
-  const fs::path file = find_file(uri, folder);
-  const std::string name = file.string();
-  GreyImage image;
-  Shape shape;
-  try {
-    // An image of two columns has fewer triangles than pixels.
-    image = parse_png(text::read_file(file, "a PNG image"), name, HeightField::kMostTriangles + 2);
-  } catch (const Error& e) {
-    throw Error(uri.place, e.what());
-  }
-  const std::size_t width = image.width, height = image.height, cells = width - 1;
-  try {
-    shape = heightmap_shape(std::move(image), map);
-  } catch (const Error& e) {
-    throw Error(uri.place, name + ": " + e.what());
-  }
-  if (width != height || (cells & (cells - 1)) != 0) {
-    warn(uri.place, file.filename().string() + ": " + std::to_string(width) + " × " + std::to_string(height) +
-                        " pixels are read, but Gazebo expects a square with 2^n + 1 pixels on a side");
-  }
-  return shape;
-}
-
 Geometry read_geometry(const xml::Element& geometry, bool is_static, const fs::path& folder, const Warn& warn) {
   const xml::Element* kind = nullptr;
   for (const xml::Element& c : geometry.children) {
@@ -256,11 +218,13 @@ Geometry read_geometry(const xml::Element& geometry, bool is_static, const fs::p
       throw Error(place, e.what());
     }
   } else if (!ours && kind->name == "heightmap") {
-    return {{read_heightmap(*kind, is_static, folder, warn)}, {}};
+    throw Error(kind->place,
+                "<heightmap> as a shape, expected a mesh: convert it, for example with Blender (a grid with the modifier "
+                "Displace, exported as STL), or use a plane");
   } else {
     throw Error(kind->place, "<" + kind->name +
-                                 "> as a shape, expected box, sphere, cylinder, capsule, ellipsoid, cone, plane, mesh, "
-                                 "heightmap or cotwin:round_hole");
+                                 "> as a shape, expected box, sphere, cylinder, capsule, ellipsoid, cone, plane, mesh "
+                                 "or cotwin:round_hole");
   }
   return {{shape}, {}};
 }

@@ -54,7 +54,6 @@ double outside(const Shape& shape, const Pose& X, const Vector3d& p_W) {
     }
     case ShapeType::kTriangle:
     case ShapeType::kHull:
-    case ShapeType::kHeightmap:
       break;
   }
   // For a hull: the largest gap between the point and all planes through three vertices that have the other vertices on one

@@ -65,8 +65,6 @@ inline std::string name_of(ShapeType type) {
       return "triangle";
     case ShapeType::kEllipsoid:
       return "ellipsoid";
-    case ShapeType::kHeightmap:
-      return "heightmap";
   }
   return "";
 }
@@ -116,7 +114,6 @@ inline Vector3d farthest(const Shape& shape, const Pose& X, const Vector3d& d) {
       }
       break;
     case ShapeType::kPlane:
-    case ShapeType::kHeightmap:
       break;
   }
   return X * p;

@@ -593,7 +593,7 @@ TEST(Sdf, RefusesInvalidAndUnsupportedElements) {
       {joint("revolute", "<parent>a</parent><child>b</child><axis><xyz>0 0 0</xyz></axis>"), "<xyz> of length 0"},
       {shape("<ellipsoid><radii>1 0 1</radii></ellipsoid>"), "radius 0 m, expected > 0"},
       {shape("<cone><radius>0</radius><length>1</length></cone>"), "a cone of radius 0 m"},
-      {shape("<heightmap/>"), "a <heightmap> on a moving body"},
+      {shape("<heightmap><uri>h.png</uri></heightmap>"), "<heightmap> as a shape, expected a mesh: convert it"},
       {shape("<polyline/>"), "<polyline> as a shape, expected box"},
       {shape("<mesh><uri>none.stl</uri><submesh><name>a</name></submesh></mesh>"),
        "<submesh> is not supported, expected a separate file"},

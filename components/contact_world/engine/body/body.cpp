@@ -81,7 +81,6 @@ double radius_about(const Vector3d& p_BP, const scene::Shape& shape) {
       for (const Vector3d& vertex : shape.vertices) radius = std::max(radius, (shape.X_BS * vertex - p_BP).norm());
       return radius;
     }
-    case scene::ShapeType::kHeightmap:
     case scene::ShapeType::kPlane:
       return 0;  // without bounds
   }
