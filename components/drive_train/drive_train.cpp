@@ -59,7 +59,7 @@ void DriveTrain::declare_settings(SettingList& s) {
            "sticking, smooth in the speed");
   s.choice("method", {"auto", "exponential", "rosenbrock", "cvode"},
            "solver of the differential equations: auto takes the exponential method, and where damping is too fast for it the "
-           "Rosenbrock method; cvode is SUNDIALS' CVODE, for reference solutions");
+           "Rosenbrock method; cvode is SUNDIALS' CVODE: take it, with a small rtol, to check these two in your own scenario");
   s.boolean(
       "terms", false,
       "with link_side=inside: the terms of (2a) as outputs (inertia, Coriolis, gravity, link); the unit then has no partial "

@@ -150,7 +150,7 @@ void run_processes(const fs::path& script, const json& expected) {
   const RunResult ran = cotwin::testing::run_command(command, {.environment = environment, .merge = true});
   ASSERT_EQ(ran.code, 0) << ran.out;
   std::map<std::string, Table> tables;
-  for (const json& figure : expected.at("figures")) {
+  for (json figure : expected.at("figures")) {
     const auto of = figure.at("of").get<std::string>();
     if (of.ends_with(".json")) {
       check(figure, json::parse(std::ifstream(results.path() / of)), {});
@@ -162,8 +162,10 @@ void run_processes(const fs::path& script, const json& expected) {
       const auto other = figure.at("minus_of").get<std::string>(), minus = figure.at("minus").get<std::string>();
       const Table source = read_table(results.path() / other / "signals.csv");
       ASSERT_NE(source.find(minus), nullptr) << minus;
-      table.columns[minus] = *source.find(minus);
-      for (auto& [name, values] : table.columns) values.resize(std::min(values.size(), table.columns[minus].size()));
+      const std::string column = other + "/" + minus;
+      table.columns[column] = *source.find(minus);
+      for (auto& [name, values] : table.columns) values.resize(std::min(values.size(), table.columns[column].size()));
+      figure["minus"] = column;
     }
     check(figure, {}, table);
   }
