@@ -30,13 +30,17 @@ set_target_properties(cotwin_settings PROPERTIES EXPORT_NAME settings)
 target_include_directories(cotwin_settings INTERFACE $<BUILD_INTERFACE:${PROJECT_SOURCE_DIR}> $<INSTALL_INTERFACE:include/cotwin>)
 target_compile_features(cotwin_settings INTERFACE cxx_std_20)
 set(cotwin_warnings -Wall -Wextra -Wconversion)
+# Names may be those of another file; all are in one object. And GCC 12 warns of overlapping copies in "literal" + std::string without reason (GCC bug 105651).
+set(cotwin_gnu_warnings ${cotwin_warnings} -Wshadow=local -Wno-subobject-linkage -Wno-restrict)
+list(JOIN cotwin_gnu_warnings " " text)
+file(WRITE ${CMAKE_BINARY_DIR}/gnu_warnings.txt "${text}")   # for scripts/check_compilers.sh
+if(CMAKE_CXX_COMPILER_ID STREQUAL GNU)
+  set(cotwin_warnings ${cotwin_gnu_warnings})
+elseif(CMAKE_CXX_COMPILER_ID MATCHES Clang)   # part of its -Wconversion, but not of that of g++
+  list(APPEND cotwin_warnings -Wno-sign-conversion)
+endif()
 if(NOT COTWIN_UNITY)
   list(APPEND cotwin_warnings -Wshadow)
-elseif(CMAKE_CXX_COMPILER_ID STREQUAL GNU)   # names may be those of another file; all are in one object
-  list(APPEND cotwin_warnings -Wshadow=local -Wno-subobject-linkage)
-endif()
-if(CMAKE_CXX_COMPILER_ID MATCHES Clang)   # part of its -Wconversion, but not of that of g++
-  list(APPEND cotwin_warnings -Wno-sign-conversion)
 endif()
 target_compile_options(cotwin_settings INTERFACE $<BUILD_INTERFACE:${cotwin_warnings};$<$<BOOL:${COTWIN_WERROR}>:-Werror>>)
 if(CMAKE_CXX_COMPILER_ID MATCHES Clang)
@@ -48,8 +52,6 @@ endif()
 if(NOT CMAKE_SYSTEM_PROCESSOR MATCHES "x86_64|AMD64")   # fused multiply-add changes bits: only the kernels (models/robot) use it
   target_compile_options(cotwin_settings INTERFACE -ffp-contract=off)
 endif()
-# GCC 12 warns of overlapping copies in "literal" + std::string without reason (GCC bug 105651).
-target_compile_options(cotwin_settings INTERFACE $<BUILD_INTERFACE:$<$<CXX_COMPILER_ID:GNU>:-Wno-restrict>>)
 if(COTWIN_SANITIZE)
   add_compile_options(-fsanitize=${COTWIN_SANITIZE} -fno-sanitize-recover=all -fno-omit-frame-pointer)
   if(COTWIN_SANITIZE_NOT)

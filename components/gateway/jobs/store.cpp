@@ -4,6 +4,7 @@
 #include <random>
 #include <tuple>
 
+#include "components/gateway/jobs/jobs.h"
 #include "components/gateway/jobs/schema.h"
 #include "components/gateway/jobs/store_rows.h"
 #include "models/foundation/support/text.h"

@@ -14,6 +14,7 @@
 /// surfaces from the definition of each shape.
 namespace cotwin::contact_world::testing {
 
+using collision::ContactPoint;
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 using scene::Shape;

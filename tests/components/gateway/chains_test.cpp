@@ -43,7 +43,10 @@ Json reply_of(Jobs& jobs, const std::string& id) {
 }
 
 std::vector<Result> results_of(Jobs& jobs, const std::string& id) {
-  return jobs.results({.job_id = id, .newest_first = false}).results;
+  ResultFilter filter;
+  filter.job_id = id;
+  filter.newest_first = false;
+  return jobs.results(filter).results;
 }
 
 TEST(ChainJobs, GiveEachStepToAWorkerAndKeepItsReply) {

@@ -273,9 +273,13 @@ TEST(ServeCommand, TellsOneVerdictEverywhere) {
         EXPECT_EQ(job["State"][0]["StateText"], met ? "Ended" : "Aborted") << where;
         EXPECT_EQ(job["JobResult"], met ? "Successful" : "Unsuccessful");
         for (const json& item : done["JobResponseData"]) {
-          if (item["ID"] == "Light") EXPECT_EQ(item["Value"], light);
-          if (item["ID"] == "Reply") EXPECT_EQ(item["Value"]["verdict"], verdict);
-          if (item["ID"] == "ReasonForStateChange" && !met) EXPECT_EQ(item["Value"], verdict["unmet"]);
+          if (item["ID"] == "Light") {
+            EXPECT_EQ(item["Value"], light);
+          } else if (item["ID"] == "Reply") {
+            EXPECT_EQ(item["Value"]["verdict"], verdict);
+          } else if (item["ID"] == "ReasonForStateChange" && !met) {
+            EXPECT_EQ(item["Value"], verdict["unmet"]);
+          }
         }
         const std::string state = met ? R"("Ended","StateNumber":5}],"JobResult":"Successful")"
                                       : R"("Aborted","StateNumber":6}],"JobResult":"Unsuccessful")";

@@ -267,7 +267,9 @@ TEST_F(ClearOfScenes, FindMotionsAroundAnObstacle) {
     one.erase("verdict");
     const json verdict =
         ask({{"degree", 7}, {"T_s", one["T_s"]}, {"c_r_rad", one["motion"]["c_r_rad"]}, {"clear_of", clear_of}})["clear_of"];
-    if (verdict["clear"] == true && clear < front.size()) EXPECT_EQ(front[clear], one);
+    if (verdict["clear"] == true && clear < front.size()) {
+      EXPECT_EQ(front[clear], one);
+    }
     clear += verdict["clear"] == true ? 1 : 0;
   }
   EXPECT_EQ(front.size(), clear);
