@@ -370,6 +370,7 @@ void Server::Impl::handle(const Router::Entry& entry, std::shared_ptr<Request> r
 void Server::Impl::stop() noexcept {
   if (stopped_) return;
   stopped_ = true;
+  pool_.stop();  // before the connections are closed: what is being done is answered, such as the order to stop a run
   if (thread_.joinable()) {
     loop->post([this] {
       ErrorCode none;
@@ -385,7 +386,6 @@ void Server::Impl::stop() noexcept {
     thread_.join();
   }
   loop->close();
-  pool_.stop();
 }
 
 Server::Server(ServerOptions options, const Router& router) : impl_(std::make_unique<Impl>(std::move(options), router)) {

@@ -5,8 +5,10 @@
 #include <gtest/gtest.h>
 
 #include <atomic>
+#include <chrono>
 #include <filesystem>
 #include <fstream>
+#include <future>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <set>
@@ -349,6 +351,31 @@ TEST(GatewayServer, StopsWhileClientsWaitWatchAndSendHalfARequest) {
   EXPECT_TRUE(half.ended());
   EXPECT_TRUE(idle.ended());
   EXPECT_FALSE(stream->send({"later", "", "{}"})) << "also when the server is gone";
+}
+
+TEST(GatewayServer, AnswersWhatItIsDoingBeforeItStops) {
+  std::promise<void> begun, go;
+  Route slow = route("POST", "/slow");
+  slow.takes = "Any";
+  slow.slow = true;
+  Router router;
+  router.add(slow, [&](const Request&) {
+    begun.set_value();
+    go.get_future().wait();
+    return Response{};
+  });
+  ServerOptions options;
+  options.addresses = {"127.0.0.1"};
+  options.authority.hosts.push_back("localhost");
+  Server server(std::move(options), router);
+  RawClient client(server.port());
+  client.send(http_request("POST", "/slow", "1"));
+  begun.get_future().wait();
+  std::thread stops([&] { server.stop(); });
+  std::this_thread::sleep_for(std::chrono::milliseconds(50));  // so that it has begun; if not, the test passes, too
+  go.set_value();
+  EXPECT_EQ(client.reply().status, 200);
+  stops.join();
 }
 
 TEST(GatewayAccess, AnswersPagesOfNamedOriginsOnly) {
