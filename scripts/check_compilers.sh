@@ -1,27 +1,32 @@
 #!/usr/bin/env bash
 # check_compilers.sh [FOLDER]: what the build in FOLDER (build/release) does not see and other parts of CI do, as syntax only and file by file:
 #   all fuzz targets, with clang;
-#   files that changed since the last turn, and tests that include a changed header of tests/support, with g++ and its warnings as errors. Without a
-#   history these are the newest files; at most 50 are checked, and the others are named.
+#   files that changed since the last turn, those beside a changed header of the same name, and tests that include a changed header of tests/support, with
+#   g++ and its warnings as errors. Without a history these are the newest files. At most 40 are checked; the others, and what the build does not
+#   compile, are named.
 # Warnings that need optimisation, such as those of values that may be uninitialised, are left to the part that builds with g++.
 # The last line is `N passed, N failed, 0 skipped`, in files.
 set -euo pipefail
+shopt -s inherit_errexit
 cd "$(dirname "$0")/.."
 source scripts/counts.sh
 folder=${1:-build/release}
-most=50   # 4 minutes on two cores
+most=40   # 4 minutes on two cores
 
 changed() {
-  local last name
+  local last name names
   last=$(scripts/last_turn.sh)
   if [[ -z $last ]]; then
-    find models components fmu master tests -name '*.cpp' -printf '%T@ %p\n' | sort -rn | head -n "$most" | cut -d' ' -f2
+    echo "no history: the $most newest files" >&2
+    find models components fmu master tests -name '*.cpp' -printf '%T@ %p\n' | sort -srn -k 1,1 | cut -d' ' -f2- | sed -n "1,${most}p"
     return
   fi
-  { git diff --name-only --diff-filter=d "$last"; git ls-files --others --exclude-standard; } | while read -r name; do
+  names=$(git diff --name-only --diff-filter=d "$last" && git ls-files --others --exclude-standard)
+  while read -r name; do
     if [[ $name == tests/support/*.h ]]; then grep -rlF --include='*.cpp' "#include \"$name\"" tests || true; fi
+    if [[ -f ${name%.h}.cpp ]]; then echo "${name%.h}.cpp"; fi
     if [[ $name == *.cpp ]]; then echo "$name"; fi
-  done | sort -u
+  done <<<"$names" | sort -u
 }
 # check COMMAND: adds one check, and what the compiler says where it fails.
 check() {
@@ -34,12 +39,12 @@ check() {
 export -f check
 
 database=$(ninja -C "$folder" -t compdb)
-flags() { python3 scripts/compile_flags.py "$@" <<<"$database"; }
-mapfile -t files < <(changed | { grep -v '^tests/fuzz/' || true; })
-if ((${#files[@]} > most)); then
-  echo "not checked, $most of ${#files[@]} are: ${files[*]:most}"
-fi
+warnings=$(<"$folder/gnu_warnings.txt")
+flags() { sed '/./!d' <<<"$1" | xargs -r -d '\n' python3 scripts/compile_flags.py 3<<<"$database"; }
+files=$(changed)
+files=$(flags "$(grep -v '^tests/fuzz/' <<<"$files" || true)")
+if (($(wc -l <<<"$files") > most)); then echo "not checked, because $most are: $(sed "1,${most}d; s/.* //" <<<"$files" | tr '\n' ' ')"; fi
 {
-  flags tests/fuzz/*_fuzz.cpp | sed 's/^/clang++-14 -fsyntax-only -std=c++20 /'
-  flags "${files[@]:0:most}" | sed "s/^/g++ -fsyntax-only -std=c++20 -Werror $(<"$folder/gnu_warnings.txt") /"
+  flags "$(ls tests/fuzz/*_fuzz.cpp)" | sed 's/^/clang++-14 -fsyntax-only -std=c++20 /'
+  sed "/./!d; ${most}q" <<<"$files" | sed "s/^/g++ -fsyntax-only -std=c++20 -Werror $warnings /"
 } | xargs -d '\n' -P "$(nproc)" -n 1 bash -c 'check "$1"' check

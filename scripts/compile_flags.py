@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""compile_flags.py FILE…: reads the compilation database of a build (ninja -t compdb) and prints a line for each of these C++ files that the build
+"""compile_flags.py FILE… 3<DATABASE: reads the compilation database of a build (ninja -t compdb) and prints a line for each of these C++ files that the build
 compiles, alone or with others (COTWIN_UNITY): its include folders and definitions, quoted for a shell, and the file. Fuzz targets, which only another
 build compiles, have all include folders."""
 import json
@@ -10,7 +10,7 @@ import sys
 FOLDERS, DEFINITIONS = r"-isystem \S+|-I\S+", r"-D\S+"
 root = pathlib.Path(__file__).resolve().parent.parent
 flags, folders = {}, {}
-for entry in json.load(sys.stdin):
+for entry in json.load(open(3)):
     source = pathlib.Path(entry["directory"], entry["file"])
     if source.suffix not in (".cpp", ".cxx"):
         continue
@@ -20,5 +20,7 @@ for entry in json.load(sys.stdin):
         flags.setdefault(pathlib.Path(file), " ".join(re.findall(FOLDERS + "|" + DEFINITIONS, entry["command"])))
 for name in sys.argv[1:]:
     used = " ".join(folders) if name.startswith("tests/fuzz/") else flags.get(root / name)
-    if used is not None:
+    if used is None:
+        print("not checked, because this build does not compile it:", name, file=sys.stderr)
+    else:
         print(used, name)

@@ -219,8 +219,8 @@ Geometry read_geometry(const xml::Element& geometry, bool is_static, const fs::p
     }
   } else if (!ours && kind->name == "heightmap") {
     throw Error(kind->place,
-                "<heightmap> as a shape, expected a mesh: convert it, for example with Blender (a grid with the modifier "
-                "Displace, exported as STL), or use a plane");
+                "<heightmap> as a shape, expected a mesh: convert it, for example with Blender (a grid with the modifiers "
+                "Displace and Decimate, exported as STL), or use a plane");
   } else {
     throw Error(kind->place, "<" + kind->name +
                                  "> as a shape, expected box, sphere, cylinder, capsule, ellipsoid, cone, plane, mesh "
