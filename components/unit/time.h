@@ -7,6 +7,7 @@ namespace cotwin {
 /// A span of time in integer nanoseconds. Seconds appear only at ports and inside equations.
 struct Duration {
   std::int64_t ns = 0;
+  static auto fields(auto& d, auto each) { return each(d.ns); }
 
   /// The nearest double. (A product with 1e-9 is not the nearest: 7 ms would be 0.007000000000000001 s.)
   constexpr double seconds() const { return static_cast<double>(ns) / 1e9; }
@@ -21,6 +22,7 @@ struct Duration {
 /// An instant: nanoseconds since the start of the scenario.
 struct Time {
   std::int64_t ns = 0;
+  static auto fields(auto& t, auto each) { return each(t.ns); }
 
   constexpr double seconds() const { return static_cast<double>(ns) / 1e9; }
   static constexpr Time from_seconds(double s) { return {Duration::from_seconds(s).ns}; }

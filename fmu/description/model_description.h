@@ -50,6 +50,15 @@ enum class Initial : std::uint8_t { kExact, kApprox, kCalculated };
 enum class DependencyKind : std::uint8_t { kDependent, kConstant, kFixed, kTunable, kDiscrete };
 enum class IntervalVariability : std::uint8_t { kConstant, kFixed, kTunable, kChanging, kCountdown, kTriggered };
 
+constexpr Version first(Version) { return Version::k2; }
+constexpr Version last(Version) { return Version::k3; }
+constexpr Type last(Type) { return Type::kClock; }
+constexpr Causality last(Causality) { return Causality::kStructuralParameter; }
+constexpr Variability last(Variability) { return Variability::kContinuous; }
+constexpr Initial last(Initial) { return Initial::kCalculated; }
+constexpr DependencyKind last(DependencyKind) { return DependencyKind::kDiscrete; }
+constexpr IntervalVariability last(IntervalVariability) { return IntervalVariability::kTriggered; }
+
 /// The names in the standard: "Float64" (FMI 3), "calculatedParameter", …
 std::string_view name_of(Type);
 std::string_view name_of(Causality);
@@ -69,6 +78,9 @@ struct Numeric {
   bool relative_quantity = false;
   bool unbounded = false;
   std::optional<double> min, max, nominal;
+  static auto fields(auto& n, auto each) {
+    return each(n.quantity, n.unit, n.display_unit, n.relative_quantity, n.unbounded, n.min, n.max, n.nominal);
+  }
   friend bool operator==(const Numeric&, const Numeric&) = default;
 };
 
@@ -81,6 +93,10 @@ struct Clock {
   bool supports_fraction = false;
   std::optional<std::uint64_t> resolution, interval_counter;
   std::uint64_t shift_counter = 0;
+  static auto fields(auto& c, auto each) {
+    return each(c.can_be_deactivated, c.priority, c.interval_variability, c.interval, c.shift, c.supports_fraction,
+                c.resolution, c.interval_counter, c.shift_counter);
+  }
   friend bool operator==(const Clock&, const Clock&) = default;
 };
 
@@ -88,12 +104,14 @@ struct Clock {
 struct Dimension {
   std::optional<std::uint64_t> size;
   std::optional<std::uint32_t> reference;  // value reference
+  static auto fields(auto& d, auto each) { return each(d.size, d.reference); }
   friend bool operator==(const Dimension&, const Dimension&) = default;
 };
 
 /// Another name of the same variable (FMI 3; in FMI 2 an alias is a variable with the same value reference).
 struct Alias {
   std::string name, description, display_unit;
+  static auto fields(auto& a, auto each) { return each(a.name, a.description, a.display_unit); }
   friend bool operator==(const Alias&, const Alias&) = default;
 };
 
@@ -121,6 +139,11 @@ struct ModelVariable {
   std::vector<Alias> aliases;
   /// Inputs of FMI 2: false if our annotation excludes this input from canInterpolateInputs.
   bool interpolated = true;
+  static auto fields(auto& v, auto each) {
+    return each(v.name, v.reference, v.type, v.description, v.causality, v.variability, v.initial, v.can_handle_multiple_set,
+                v.clocks, v.dimensions, v.intermediate_update, v.previous, v.declared_type, v.numeric, v.start, v.derivative,
+                v.reinit, v.mime_type, v.max_size, v.clock, v.aliases, v.interpolated);
+  }
   friend bool operator==(const ModelVariable&, const ModelVariable&) = default;
 };
 
@@ -128,6 +151,7 @@ struct EnumerationItem {
   std::string name;
   std::int64_t value = 0;
   std::string description;
+  static auto fields(auto& i, auto each) { return each(i.name, i.value, i.description); }
   friend bool operator==(const EnumerationItem&, const EnumerationItem&) = default;
 };
 
@@ -141,6 +165,9 @@ struct TypeDefinition {
   std::string mime_type;               // kBinary
   std::optional<std::uint64_t> max_size;
   Clock clock;  // kClock
+  static auto fields(auto& t, auto each) {
+    return each(t.name, t.type, t.description, t.numeric, t.items, t.mime_type, t.max_size, t.clock);
+  }
   friend bool operator==(const TypeDefinition&, const TypeDefinition&) = default;
 };
 
@@ -148,6 +175,7 @@ struct DisplayUnit {
   std::string name;
   double factor = 1, offset = 0;
   bool inverse = false;
+  static auto fields(auto& u, auto each) { return each(u.name, u.factor, u.offset, u.inverse); }
   friend bool operator==(const DisplayUnit&, const DisplayUnit&) = default;
 };
 
@@ -156,17 +184,23 @@ struct MeasurementUnit {
   std::string name;
   std::optional<UnitDefinition> definition;
   std::vector<DisplayUnit> display_units;
+  static auto fields(auto& u, auto each) { return each(u.name, u.definition, u.display_units); }
+  friend bool operator==(const MeasurementUnit&, const MeasurementUnit&) = default;
 };
 
 struct Unknown {
   std::size_t variable = 0;
   std::optional<std::vector<std::size_t>> dependencies;  // no value: on all possible variables
   std::vector<DependencyKind> kinds;                     // empty, or one per dependency
+  static auto fields(auto& u, auto each) { return each(u.variable, u.dependencies, u.kinds); }
   friend bool operator==(const Unknown&, const Unknown&) = default;
 };
 
 struct ModelStructure {
   std::vector<Unknown> outputs, derivatives, clocked_states, initial_unknowns, event_indicators;
+  static auto fields(auto& s, auto each) {
+    return each(s.outputs, s.derivatives, s.clocked_states, s.initial_unknowns, s.event_indicators);
+  }
   friend bool operator==(const ModelStructure&, const ModelStructure&) = default;
 };
 
@@ -197,16 +231,27 @@ struct Interface {
   // FMI 2
   bool can_not_use_memory_functions = false;
   std::vector<std::string> source_files;
+  static auto fields(auto& i, auto each) {
+    return each(i.model_identifier, i.needs_execution_tool, i.only_once_per_process, i.can_get_and_set_state,
+                i.can_serialise_state, i.provides_directional_derivatives, i.provides_adjoint_derivatives,
+                i.provides_per_element_dependencies, i.variable_step, i.fixed_internal_step, i.max_output_derivative_order,
+                i.recommended_input_smoothness, i.provides_intermediate_update, i.might_return_early,
+                i.can_return_early_after_intermediate_update, i.has_event_mode, i.provides_evaluate_discrete_states,
+                i.can_interpolate_inputs, i.can_run_asynchronously, i.needs_completed_integrator_step,
+                i.can_not_use_memory_functions, i.source_files);
+  }
   friend bool operator==(const Interface&, const Interface&) = default;
 };
 
 struct DefaultExperiment {
   std::optional<double> start, stop, tolerance, step;
+  static auto fields(auto& e, auto each) { return each(e.start, e.stop, e.tolerance, e.step); }
   friend bool operator==(const DefaultExperiment&, const DefaultExperiment&) = default;
 };
 
 struct LogCategory {
   std::string name, description;
+  static auto fields(auto& c, auto each) { return each(c.name, c.description); }
   friend bool operator==(const LogCategory&, const LogCategory&) = default;
 };
 
@@ -223,6 +268,13 @@ struct ModelDescription {
   std::optional<DefaultExperiment> default_experiment;
   std::vector<ModelVariable> variables;
   ModelStructure structure;
+  static auto fields(auto& d, auto each) {
+    return each(d.version, d.fmi_version, d.model_name, d.token, d.description, d.author, d.model_version, d.copyright,
+                d.license, d.generation_tool, d.generation_date, d.structured_names, d.event_indicators, d.model_exchange,
+                d.co_simulation, d.scheduled_execution, d.units, d.types, d.log_categories, d.default_experiment, d.variables,
+                d.structure);
+  }
+  friend bool operator==(const ModelDescription&, const ModelDescription&) = default;
 };
 
 /// The largest number of elements of an array, and of all variables of an FMU, that the importer accepts.

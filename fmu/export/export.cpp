@@ -10,8 +10,8 @@
 #include "fmu/description/categories.h"
 #include "fmu/description/rate.h"
 #include "fmu/export/own_library.h"
-#include "models/foundation/support/bytes.h"
 #include "models/foundation/support/error.h"
+#include "models/foundation/support/fields.h"
 #include "models/foundation/support/text.h"
 
 namespace cotwin::fmu {
@@ -294,44 +294,19 @@ void Exported::free(void** saved) {
 }
 
 std::string Exported::serialise(const void* handle) const {
-  const Saved& saved = find(handle);
-  const Memory& m = saved.memory;
-  ByteWriter body;
-  body.value(hash_of(package_.token));
-  body.value(static_cast<std::uint32_t>(m.state));
-  body.value(static_cast<std::uint8_t>(m.initialised));
-  body.value(m.start_ns);
-  body.value(m.time_ns);
-  body.value(static_cast<std::uint8_t>(m.has_stop));
-  body.value(m.stop_ns);
-  body.value(m.steps);
-  body.value(m.host_time);
-  body.value(static_cast<std::uint8_t>(m.finished));
-  body.text(saved.snapshot.serialise());
   ByteWriter out;
-  out.value(kStateMagic);
-  out.value(hash_of(body.bytes()));
-  return out.bytes() + body.bytes();
+  Putter(out).put(hash_of(package_.token), find(handle));
+  return sealed(kStateMagic, out.take());
 }
 
 void* Exported::deserialise(std::span<const std::byte> bytes) {
-  ByteReader in(bytes, "serialised state");
-  if (in.value<std::uint64_t>() != kStateMagic) in.fail("is not a state of this version");
-  const auto hash = in.value<std::uint64_t>();
-  const std::span<const std::byte> body = in.rest();
-  if (hash != hash_of({reinterpret_cast<const char*>(body.data()), body.size()})) in.fail("is damaged");
+  ByteReader in = opened(kStateMagic, {reinterpret_cast<const char*>(bytes.data()), bytes.size()}, "serialised state",
+                         "is not a state of this version");
   if (in.value<std::uint64_t>() != hash_of(package_.token)) in.fail("is a state of another FMU");
   auto saved = std::make_unique<Saved>();
-  Memory& m = saved->memory;
-  m.state = static_cast<State>(in.value<std::uint32_t>());
-  m.initialised = in.value<std::uint8_t>() != 0;
-  m.start_ns = in.value<std::int64_t>();
-  m.time_ns = in.value<std::int64_t>();
-  m.has_stop = in.value<std::uint8_t>() != 0;
-  m.stop_ns = in.value<std::int64_t>();
-  m.steps = in.value<std::uint64_t>();
-  m.host_time = in.value<double>();
-  m.finished = in.value<std::uint8_t>() != 0;
+  Getter(in).get(*saved);
+  in.expect_end();
+  const Memory& m = saved->memory;
   const bool known = m.state == kInstantiated || m.state == kInitialising || m.state == kStepping ||
                      m.state == kStepDiscarded || m.state == kTerminated || m.state == kFailed;
   constexpr auto kLatestNs = static_cast<std::int64_t>(kLatest * kNanoseconds);
@@ -341,9 +316,6 @@ void* Exported::deserialise(std::span<const std::byte> bytes) {
   }
   if ((m.state == kStepping || m.state == kStepDiscarded) && !m.initialised)
     in.fail("is in a stepping state, but not initialised");
-  const std::string snapshot = in.text();
-  in.expect_end();
-  saved->snapshot = Snapshot::deserialise(snapshot);
   Saved* handle = saved.get();
   saved_.emplace(handle, std::move(saved));
   return handle;

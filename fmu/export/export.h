@@ -33,6 +33,7 @@ enum State : unsigned {
   kTerminated = 16,
   kFailed = 32  // the unit threw
 };
+constexpr State last(State) { return kFailed; }
 inline constexpr unsigned kAnyState = 63;
 const char* name_of(State state);
 
@@ -114,12 +115,19 @@ class Exported {
     std::uint64_t steps = 0;  // since the start; bounds the rounding error of a host that adds up its steps
     double host_time = 0;     // s
     bool finished = false;    // the unit requested the end of the run
+
+    static auto fields(auto& m, auto each) {
+      return each(m.state, m.initialised, m.start_ns, m.time_ns, m.has_stop, m.stop_ns, m.steps, m.host_time, m.finished);
+    }
   };
   struct Saved {
     Memory memory;
     Snapshot snapshot;
     /// Number of the initialisation that set the unit's fixed parameters and hidden memory; 0: in another instance.
     std::uint64_t initialisation = 0;
+
+    static auto fields(auto& s, auto each) { return each(s.memory, s.snapshot); }
+    static auto left_out(auto& s, auto each) { return each(s.initialisation); }
   };
 
   void build();

@@ -16,9 +16,11 @@ struct Package {
   std::string token;                               // the instantiation token (FMI 2: GUID) that the host must pass
   std::string unit;                                // "drive_train"
   std::string query;                               // its settings, "robot=lwr4&link_side=inside"
-  std::shared_ptr<const robot::RobotModel> robot;  // nullptr if the unit has none; without RobotModel::history
+  std::shared_ptr<const robot::RobotModel> robot;  // nullptr if the unit has none; without what RobotModel leaves out
   std::shared_ptr<const scene::Cell> cell;         // nullptr if the unit has none; likewise for its robots
   Snapshot start;                                  // the start values of all variables
+
+  static auto fields(auto& p, auto each) { return each(p.token, p.unit, p.query, p.robot, p.cell, p.start); }
 };
 
 inline constexpr const char* kPackageFile = "unit.bin";

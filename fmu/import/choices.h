@@ -7,6 +7,7 @@ namespace cotwin::fmu {
 
 /// The interface that is used; kAny: Co-Simulation where the FMU offers it.
 enum class InterfaceChoice : std::uint8_t { kAny, kCoSimulation, kModelExchange };
+constexpr InterfaceChoice last(InterfaceChoice) { return InterfaceChoice::kModelExchange; }
 inline constexpr std::pair<const char*, InterfaceChoice> kInterfaceWords[] = {
     {"any", InterfaceChoice::kAny}, {"cs", InterfaceChoice::kCoSimulation}, {"me", InterfaceChoice::kModelExchange}};
 

@@ -26,6 +26,12 @@ struct LoadOptions {
   bool si = true;                                   // convert values to SI; false: keep the FMU's values, without a unit
   bool slopes = false;                              // also the time derivatives "der(y)" of outputs that the FMU gives
   std::optional<bool> rollback;  // earlier states may be restored (ForeignUnit); no value: if the FMU is ours
+
+  static auto fields(auto& o, auto each) {
+    return each(o.instance_name, o.kind, o.locals, o.structural, o.stop, o.tolerance, o.si, o.slopes, o.rollback);
+  }
+  /// Of this program's process, not of the FMU in a package.
+  static auto left_out(auto& o, auto each) { return each(o.process, o.timeout, o.memory); }
 };
 
 /// Loads an archive (.fmu) or an unpacked folder with modelDescription.xml as a unit, with its variables and their start

@@ -16,6 +16,7 @@ struct ForeignPackage {
   ModelDescription description;
   Snapshot start;  // the start values of all variables
 
+  static auto fields(auto& p, auto each) { return each(p.name, p.folder, p.options, p.description, p.start); }
   const Interface& interface() const { return interface_of(description, chosen_kind(description, options.kind)); }
 };
 

@@ -12,17 +12,14 @@
 #include <optional>
 #include <set>
 #include <thread>
-#include <type_traits>
 #include <utility>
-#include <variant>
 
 #include "components/robot_files/robot_files.h"
-#include "fmu/export/package.h"
 #include "master/run/master.h"
 #include "master/scenario/folders.h"
 #include "models/cloud/tree.h"
-#include "models/foundation/support/bytes.h"
 #include "models/foundation/support/error.h"
+#include "models/foundation/support/fields.h"
 #include "models/foundation/support/file_hash.h"
 #include "models/foundation/support/text.h"
 
@@ -127,39 +124,16 @@ void Farm::name_figures(Master& master) {
 }
 
 Facts Farm::facts(const Build& build) const {
-  ByteWriter models;
-  fmu::Package package;
-  for (const auto& robot : models_->all<FoundRobot>(kRobotKey)) {
-    package.robot = {robot, &robot->model};
-    models.text(fmu::serialise(package));
-  }
-  for (const auto& cell : models_->all<FoundCell>(kCellKey)) {
-    package.cell = {cell, &cell->cell};
-    models.text(fmu::serialise(package));
-  }
-  for (const auto& obstacle : models_->all<cloud::Obstacle>(cloud::kCloudKey)) {
-    const cloud::Cloud& cloud = obstacle->points->cloud();
-    models.values(std::span(cloud.origin.data(), 3));
-    for (const Eigen::Vector3f& p : cloud.points) models.values(std::span(p.data(), 3));
-  }
-  for (const auto& set : models_->all<ParameterSet>(kValuesKey)) {
-    for (const ParameterValue& given : set->values) {
-      models.text(given.name + " in " + given.unit);
-      std::visit(
-          [&](const auto& value) {
-            if constexpr (std::is_same_v<std::decay_t<decltype(value)>, std::string>) {
-              models.text(value);
-            } else {
-              models.value(static_cast<double>(value));
-            }
-          },
-          given.value);
-    }
-  }
+  ByteWriter bytes;
+  Putter models(bytes);
+  for (const auto& robot : models_->all<FoundRobot>(kRobotKey)) models.put(robot->model);
+  for (const auto& cell : models_->all<FoundCell>(kCellKey)) models.put(cell->cell);
+  for (const auto& obstacle : models_->all<cloud::Obstacle>(cloud::kCloudKey)) models.put(obstacle->points->cloud());
+  for (const auto& set : models_->all<ParameterSet>(kValuesKey)) models.put(*set);
   return {{"study", study_.text},
           {"table", study_.table.empty() ? "none" : hexadecimal(hash_of_file(study_.table))},
           {"scenario", hexadecimal(scenarios_)},
-          {"models", hexadecimal(cotwin::hash_of(models.bytes()))},
+          {"models", hexadecimal(cotwin::hash_of(bytes.bytes()))},
           {"program", "cotwin " + build.version + " (build " + hexadecimal(build.file) + ")"},
           {"instruction set", build.cpu}};
 }

@@ -214,6 +214,7 @@ void choose_clock(ClockSpec& clock, const std::string& text);
 ///   implicit  with the values at the end of the step, which are solved for
 ///   auto      implicit for the loops that need it in ticks of this length, otherwise explicit
 enum class CouplingChoice : std::uint8_t { kAuto, kExplicit, kImplicit };
+constexpr CouplingChoice last(CouplingChoice) { return CouplingChoice::kImplicit; }
 inline constexpr std::pair<const char*, CouplingChoice> kCouplingWords[] = {
     {"auto", CouplingChoice::kAuto}, {"explicit", CouplingChoice::kExplicit}, {"implicit", CouplingChoice::kImplicit}};
 

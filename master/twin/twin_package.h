@@ -23,6 +23,8 @@ struct TwinPackage {
   std::vector<std::string> packages;
   std::vector<std::vector<GivenStart>> given;
   std::set<std::string> outputs;
+
+  static auto fields(auto& p, auto each) { return each(p.scenario, p.packages, p.given, p.outputs); }
 };
 
 /// The bytes include a version and a hash.

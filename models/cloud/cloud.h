@@ -14,6 +14,7 @@ struct Cloud {
   Eigen::Vector3d origin = Eigen::Vector3d::Zero();
   std::vector<Eigen::Vector3f> points;
 
+  static auto fields(auto& c, auto each) { return each(c.origin, c.points); }
   Eigen::Vector3d point(std::size_t k) const { return origin + points[k].cast<double>(); }
 };
 

@@ -11,6 +11,7 @@ struct Inertia {
   double mass = 0;                                 // kg
   Eigen::Vector3d p_LC = Eigen::Vector3d::Zero();  // centre of mass in L, m
   Eigen::Matrix3d I_CC = Eigen::Matrix3d::Zero();  // about the centre of mass, expressed in L's axes, kg m²
+  static auto fields(auto& b, auto each) { return each(b.mass, b.p_LC, b.I_CC); }
 
   /// Inertia about L's origin instead of C (Steiner): I_CC + m (p·p U − p pᵀ).
   Eigen::Matrix3d about_origin() const;

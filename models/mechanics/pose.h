@@ -7,6 +7,7 @@ namespace cotwin {
 struct Pose {
   Eigen::Matrix3d R = Eigen::Matrix3d::Identity();  // R_RT, columns are T's axes in R
   Eigen::Vector3d p = Eigen::Vector3d::Zero();      // p_RT, T's origin in R, m
+  static auto fields(auto& X, auto each) { return each(X.R, X.p); }
 
   friend Pose operator*(const Pose& X_AB, const Pose& X_BC) { return {X_AB.R * X_BC.R, X_AB.p + X_AB.R * X_BC.p}; }
   friend Eigen::Vector3d operator*(const Pose& X_AB, const Eigen::Vector3d& p_BQ) { return X_AB.p + X_AB.R * p_BQ; }

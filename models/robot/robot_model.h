@@ -13,6 +13,7 @@
 namespace cotwin::robot {
 
 enum class JointType { kRevolute, kPrismatic };
+constexpr JointType last(JointType) { return JointType::kPrismatic; }
 
 /// A joint of one degree of freedom and the body that it moves. Fixed joints of the URDF are merged into bodies.
 struct Joint {
@@ -31,6 +32,10 @@ struct Joint {
   double friction = 0;                                        // URDF <dynamics friction>, N.m or N
   bool passive = false;                                       // moves freely: has no motor and no gear
 
+  static auto fields(auto& j, auto each) {
+    return each(j.name, j.type, j.parent, j.X_PJ, j.axis, j.q_min, j.q_max, j.dq_max, j.ddq_max, j.dddq_max, j.tau_max,
+                j.damping, j.friction, j.passive);
+  }
   friend bool operator==(const Joint&, const Joint&) = default;
 };
 
@@ -43,6 +48,7 @@ struct Mimic {
   double offset = 0;      // rad or m
   int place = 0;          // of this joint in RobotModel::depth_first()
 
+  static auto fields(auto& m, auto each) { return each(m.joint, m.leader, m.multiplier, m.offset, m.place); }
   friend bool operator==(const Mimic&, const Mimic&) = default;
 };
 
@@ -52,6 +58,7 @@ struct Body {
   std::string name;
   Inertia inertia;
 
+  static auto fields(auto& b, auto each) { return each(b.name, b.inertia); }
   friend bool operator==(const Body&, const Body&) = default;
 };
 
@@ -61,6 +68,7 @@ struct Frame {
   int body = -1;  // −1: the base
   Pose X_BF;      // in the body's frame
 
+  static auto fields(auto& f, auto each) { return each(f.name, f.body, f.X_BF); }
   friend bool operator==(const Frame&, const Frame&) = default;
 };
 
@@ -124,6 +132,9 @@ struct RobotModel {
   /// base; among several such bodies, the one with the lowest index. Throws Error if that body has no frame.
   const Frame& end_effector() const;
 
+  static auto fields(auto& r, auto each) { return each(r.name, r.joints, r.mimics, r.bodies, r.base, r.frames, r.gravity); }
+  /// A unit knows neither of what its robot came to be nor of the file.
+  static auto left_out(auto& r, auto each) { return each(r.history, r.locked); }
   friend bool operator==(const RobotModel&, const RobotModel&) = default;
 };
 

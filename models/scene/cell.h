@@ -13,12 +13,18 @@ struct PlacedRobot {
   std::string name;  // "" for a single robot
   robot::RobotModel model;
   std::vector<std::vector<Shape>> shapes;  // of the base, then of each body of the model, in its frame
+
+  static auto fields(auto& r, auto each) { return each(r.name, r.model, r.shapes); }
+  friend bool operator==(const PlacedRobot&, const PlacedRobot&) = default;
 };
 
 /// A scene and its robots.
 struct Cell {
   Scene scene;
   std::vector<PlacedRobot> robots;
+
+  static auto fields(auto& c, auto each) { return each(c.scene, c.robots); }
+  friend bool operator==(const Cell&, const Cell&) = default;
 };
 
 /// A frame on a body of a robot or of the scene.

@@ -33,10 +33,15 @@ struct Material {
 
   bool soft() const { return stiffness < kInfinity || foundation > 0; }
 
+  static auto fields(auto& m, auto each) {
+    return each(m.mu, m.restitution, m.stiffness, m.damping, m.mu2, m.first_direction, m.torsion, m.patch_radius,
+                m.surface_radius, m.foundation, m.foundation_damping, m.yield, m.breakthrough, m.whole);
+  }
   friend bool operator==(const Material&, const Material&) = default;
 };
 
 enum class ShapeType { kSphere, kBox, kCylinder, kCapsule, kHull, kPlane, kTriangle, kEllipsoid };
+constexpr ShapeType last(ShapeType) { return ShapeType::kEllipsoid; }
 
 /// A convex piece of a body's surface, in its own frame S.
 struct Shape {
@@ -52,6 +57,9 @@ struct Shape {
   Material material;
   std::string tool = {};  // the shape comes and goes with the tool of this name; "": it is always there
 
+  static auto fields(auto& s, auto each) {
+    return each(s.name, s.type, s.size, s.vertices, s.turns, s.X_BS, s.material, s.tool);
+  }
   friend bool operator==(const Shape&, const Shape&) = default;
 };
 
@@ -60,6 +68,7 @@ enum class Motion {
   kDriven,  // moves with a prescribed twist; contacts do not change it
   kDynamic  // moves by (1)
 };
+constexpr Motion last(Motion) { return Motion::kDynamic; }
 
 struct Body {
   std::string name;
@@ -69,10 +78,12 @@ struct Body {
   Inertia inertia;             // in B; kDynamic only
   std::vector<Shape> shapes;
 
+  static auto fields(auto& b, auto each) { return each(b.name, b.motion, b.X_WB, b.V_WB, b.inertia, b.shapes); }
   friend bool operator==(const Body&, const Body&) = default;
 };
 
 enum class JointType { kRevolute, kPrismatic, kSpherical, kFixed, kScrew };
+constexpr JointType last(JointType) { return JointType::kScrew; }
 
 /// A joint between frame P' on the parent and frame J on the child; at position zero they coincide.
 struct Joint {
@@ -90,6 +101,10 @@ struct Joint {
   double stiffness = 0, q_spring = 0;               // of a spring, N.m/rad or N/m, and where it is at rest
   double pitch = 0;                                 // screw: advance of the child along the axis, m/rad
 
+  static auto fields(auto& j, auto each) {
+    return each(j.name, j.type, j.parent, j.child, j.X_PJ, j.X_CJ, j.axis, j.q, j.q_min, j.q_max, j.friction, j.damping,
+                j.stiffness, j.q_spring, j.pitch);
+  }
   friend bool operator==(const Joint&, const Joint&) = default;
 };
 
@@ -99,6 +114,7 @@ struct Gear {
   double ratio = 1;                // m/rad or rad/m if one of the two is prismatic
   double offset = 0;               // rad or m
 
+  static auto fields(auto& g, auto each) { return each(g.leader, g.follower, g.ratio, g.offset); }
   friend bool operator==(const Gear&, const Gear&) = default;
 };
 
@@ -108,6 +124,7 @@ struct Frame {
   int body = -1;  // −1: the world
   Pose X_BF;
 
+  static auto fields(auto& f, auto each) { return each(f.name, f.body, f.X_BF); }
   friend bool operator==(const Frame&, const Frame&) = default;
 };
 
@@ -121,6 +138,11 @@ struct Scene {
   std::vector<Joint> latches;                   // of type kFixed; open at the start
   std::vector<std::pair<int, int>> no_contact;  // pairs of bodies without contacts, besides bodies connected by a joint
 
+  static auto fields(auto& s, auto each) {
+    return each(s.name, s.gravity, s.bodies, s.joints, s.gears, s.frames, s.no_contact);
+  }
+  /// The contact world adds them from its settings.
+  static auto left_out(auto& s, auto each) { return each(s.latches); }
   friend bool operator==(const Scene&, const Scene&) = default;
 };
 

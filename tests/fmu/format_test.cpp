@@ -1,4 +1,4 @@
-// Files that are written for other tools: model descriptions, archives, file URIs, and the package of an exported unit.
+// Files that are written for other tools: model descriptions, archives and file URIs.
 #include <gmock/gmock-more-matchers.h>
 #include <gtest/gtest.h>
 #include <sys/stat.h>
@@ -11,9 +11,7 @@
 #include "fmu/archive/archive.h"
 #include "fmu/archive/uri.h"
 #include "fmu/description/model_description.h"
-#include "fmu/export/package.h"
 #include "models/foundation/support/error.h"
-#include "models/robot/urdf/urdf.h"
 #include "tests/support/files.h"
 #include "tests/support/places.h"
 #include "tests/support/public_data.h"
@@ -416,78 +414,6 @@ TEST(FileUri, ConvertsBackToThePath) {
     EXPECT_EQ(path_from_uri(uri_from_path(path)), fs::path(path));
   }
   EXPECT_EQ(uri_from_path("/a b"), "file:///a%20b");
-}
-
-// Packages
-
-TEST(Package, CarriesARobotToTheLastBit) {
-  Package package;
-  package.token = "{1}";
-  package.unit = "drive_train";
-  package.query = "robot=lwr4";
-  auto robot = robot::load_urdf(fs::path(places::source()) / "models/robots/lwr4/robot.urdf");
-  package.robot = std::make_shared<const robot::RobotModel>(robot);
-  double x = 0.1;
-  Variables variables;
-  variables.parameter("x", x, "m", "something");
-  package.start.take(variables);
-  const std::string bytes = serialise(package);
-  const Package back = deserialise_package(bytes, "unit.bin");
-  EXPECT_EQ(back.token, package.token);
-  EXPECT_EQ(back.unit, package.unit);
-  EXPECT_EQ(back.query, package.query);
-  EXPECT_EQ(back.start, package.start);
-  ASSERT_NE(back.robot, nullptr);
-  EXPECT_EQ(*back.robot, robot);
-}
-
-TEST(Package, CarriesASceneWithItsShapesGearsAndFrames) {
-  scene::Scene scene;
-  scene.name = "s";
-  scene.bodies.resize(3);
-  scene.bodies[0].name = "ground";
-  scene.bodies[0].motion = scene::Motion::kStatic;
-  scene.bodies[0].shapes.resize(1);
-  scene.bodies[0].shapes[0].type = scene::ShapeType::kEllipsoid;
-  scene.bodies[0].shapes[0].size = {1, 2, 3};
-  for (const int k : {1, 2}) {
-    scene::Body& body = scene.bodies[static_cast<std::size_t>(k)];
-    body.name = std::to_string(k);
-    body.inertia.mass = 1;
-    body.inertia.I_CC.setIdentity();
-    scene::Joint& joint = scene.joints.emplace_back();
-    joint.name = "joint" + body.name;
-    joint.child = k;
-  }
-  scene.gears.push_back({0, 1, -2, 0.5});
-  scene.frames = {{"1.grip", 1, {Eigen::Matrix3d::Identity(), {1, 2, 3}}}, {"place", -1, {}}};
-  Package package;
-  scene::Cell cell;
-  cell.scene = scene;
-  package.cell = std::make_shared<const scene::Cell>(cell);
-  const std::string bytes = serialise(package);
-  const Package back = deserialise_package(bytes, "unit.bin");
-  ASSERT_NE(back.cell, nullptr);
-  EXPECT_EQ(back.cell->scene, scene);
-
-  scene.bodies[0].shapes[0].size.z() = 4;
-  EXPECT_FALSE(back.cell->scene == scene);
-}
-
-TEST(Package, IsRefusedWithAnyByteDamagedOrMissing) {
-  Package package;
-  package.unit = "x";
-  double x = 0.1;
-  Variables variables;
-  variables.parameter("x", x, "m", "something");
-  package.start.take(variables);
-  const std::string bytes = serialise(package);
-  for (std::size_t i = 0; i < bytes.size(); ++i) {
-    std::string damaged = bytes;
-    damaged[i] = static_cast<char>(damaged[i] ^ 1);
-    EXPECT_THROW(deserialise_package(damaged, "unit.bin"), Error) << i;
-    EXPECT_THROW(deserialise_package(bytes.substr(0, i), "unit.bin"), Error) << i;
-  }
 }
 
 TEST_F(Archives, AreRefusedForWhatTheyDeclareBeforeAnythingIsUnpacked) {

@@ -536,12 +536,7 @@ TEST(ForeignPackage, KeepsTheWholeDescriptionAndRefusesDamagedBytes) {
     EXPECT_EQ(back.options.tolerance, package.options.tolerance);
     EXPECT_FALSE(back.options.si);
     EXPECT_TRUE(back.start == package.start);
-    const fmu::ModelDescription &a = package.description, &b = back.description;
-    EXPECT_TRUE(a.variables == b.variables && a.types == b.types && a.structure == b.structure) << name;
-    EXPECT_TRUE(a.co_simulation == b.co_simulation && a.model_exchange == b.model_exchange) << name;
-    EXPECT_TRUE(a.log_categories == b.log_categories && a.default_experiment == b.default_experiment) << name;
-    EXPECT_EQ(a.units.size(), b.units.size());
-    EXPECT_TRUE(a.token == b.token && a.version == b.version && a.event_indicators == b.event_indicators) << name;
+    EXPECT_TRUE(back.description == package.description) << name;
     for (std::size_t i = 0; i < bytes.size(); ++i) {
       std::string damaged = bytes;
       damaged[i] = static_cast<char>(damaged[i] ^ 1);

@@ -21,6 +21,8 @@ struct GivenStart {
   std::string variable;
   std::size_t element = 0;
   double value = 0;
+
+  static auto fields(auto& g, auto each) { return each(g.variable, g.element, g.value); }
 };
 
 struct Member {
