@@ -20,7 +20,7 @@
 
 /// A scenario: the description of a run. Read from an SSP 1.0 system structure (.ssd) and our annotation in it. A plain value:
 /// nested systems are flattened, parameter bindings are in order of priority, and each item has its place in the file for
-/// messages.
+/// messages. The lists of members (models/foundation/support/fields.h) have what decides the results of a run: hash_of(Scenario).
 namespace cotwin::master {
 
 /// The kinds of connectors of SSP.
@@ -60,6 +60,11 @@ struct ComponentSpec {
   bool beside = false;                       // steps beside the loop, on a thread of its own (master/engine/beside.h)
   fmu::InterfaceChoice implementation = fmu::InterfaceChoice::kAny;  // of an FMU that has several
   fmu::ProcessChoice process = fmu::ProcessChoice::kAuto;            // of an FMU
+
+  static auto fields(auto& c, auto each) {
+    return each(c.name, c.source, c.start_values, c.stage, c.period, c.beside, c.implementation);
+  }
+  static auto left_out(auto& c, auto each) { return each(c.type, c.place, c.connectors, c.threads, c.process); }
 };
 
 /// One end of a connection: a component's variable or one element of it.
@@ -67,6 +72,8 @@ struct Port {
   std::string component;
   std::string variable;  // or one element: "q[3]"
   std::string unit;      // of the connector, "" if not given
+
+  static auto fields(auto& p, auto each) { return each(p.component, p.variable, p.unit); }
 };
 
 struct ConnectionSpec {
@@ -74,6 +81,9 @@ struct ConnectionSpec {
   double factor = 1, offset = 0;  // of ssc:LinearTransformation, applied after conversion of units of measure
   bool suppress_unit_conversion = false;
   std::string place;
+
+  static auto fields(auto& c, auto each) { return each(c.from, c.to, c.factor, c.offset, c.suppress_unit_conversion); }
+  static auto left_out(auto& c, auto each) { return each(c.place); }
 };
 
 /// At `time`, the variable changes to `value`, at once or linearly over `ramp`.
@@ -83,6 +93,9 @@ struct EventSpec {
   std::string value;
   Duration ramp;  // 0: a jump
   std::string place;
+
+  static auto fields(auto& e, auto each) { return each(e.time, e.variable, e.value, e.ramp); }
+  static auto left_out(auto& e, auto each) { return each(e.place); }
 };
 
 /// At `time`, a tool is mounted on a robot or removed from it (master/engine/tools.h). Lengths in m, angles in rad.
@@ -91,6 +104,8 @@ struct ToolSpec {
   struct Frame {
     std::string name;
     std::array<double, 3> xyz{}, rpy{};
+
+    static auto fields(auto& f, auto each) { return each(f.name, f.xyz, f.rpy); }
   };
 
   Time time;
@@ -109,17 +124,30 @@ struct ToolSpec {
   std::string scope{};                    // the nested scenario that has the event: only its components
   std::filesystem::path shapes{};         // its URDF, if that has collision shapes
   std::string place{};
+
+  static auto fields(auto& t, auto each) {
+    return each(t.time, t.attach, t.known, t.name, t.parent, t.xyz, t.rpy, t.mass, t.com, t.inertia, t.frames, t.robot,
+                t.components, t.scope);
+  }
+  /// The file of the shapes counts with its content.
+  static auto left_out(auto& t, auto each) { return each(t.reason, t.shapes, t.place); }
 };
 
 struct RecordSpec {
   std::string variables;  // "drive.q", "drive.*", "*.tau_J"; glob over component.variable
   std::string place;
+
+  static auto fields(auto& r, auto each) { return each(r.variables); }
+  static auto left_out(auto& r, auto each) { return each(r.place); }
 };
 
 /// A setting of a nested scenario: a default for the units inside the component `scope`.
 struct NestedSetting {
   std::string scope, name, value;
   std::string place;
+
+  static auto fields(auto& s, auto each) { return each(s.scope, s.name, s.value); }
+  static auto left_out(auto& s, auto each) { return each(s.place); }
 };
 
 /// A comparison of two signals of a run, as in Table I and Fig. 10 of the paper.
@@ -129,6 +157,9 @@ struct ComparisonSpec {
   int segments = 8;
   std::optional<Time> from, to;
   std::string place;
+
+  static auto fields(auto& c, auto each) { return each(c.name, c.a, c.b, c.segments, c.from, c.to); }
+  static auto left_out(auto& c, auto each) { return each(c.place); }
 };
 
 /// A power bond between two units: the power effort · flow that leaves side a should enter side b.
@@ -139,6 +170,11 @@ struct BondSpec {
   double tolerance = 0;          // J; a larger energy error is reported at the end of the run; 0: only recorded
   std::string place;
   double reference = 1;  // J; energy below which the scenario's tolerance is not relative to the bond's energy
+
+  static auto fields(auto& b, auto each) {
+    return each(b.name, b.effort_a, b.flow_a, b.effort_b, b.flow_b, b.tolerance, b.reference);
+  }
+  static auto left_out(auto& b, auto each) { return each(b.place); }
 };
 
 enum class ReportKind : std::uint8_t { kSignal, kDifference, kAttitude, kEnergy };
@@ -157,6 +193,9 @@ struct ReportSpec {
   ReportKind kind = ReportKind::kSignal;
   std::string a, b;  // "drive.tau_J"; b is empty for a signal
   std::string place;
+
+  static auto fields(auto& r, auto each) { return each(r.name, r.kind, r.a, r.b); }
+  static auto left_out(auto& r, auto each) { return each(r.place); }
 };
 
 /// When ticks begin.
@@ -244,6 +283,14 @@ struct Scenario {
   bool ignore_unknown_parameters = false;  // true is the rule of SSP; our annotation makes them errors
   std::vector<std::string> warnings;       // "place: …": items that were ignored or deviate from the standard
   std::shared_ptr<const void> unpacked;    // owns `folder` if a package (.ssp) was unpacked to it
+
+  static auto fields(auto& s, auto each) {
+    return each(s.name, s.start, s.stop, s.tick, s.tolerance, s.coupling, s.settings, s.nested_settings, s.components,
+                s.connections, s.events, s.tools, s.recording, s.all_outputs, s.decimation, s.comparisons, s.bonds, s.reports,
+                s.units, s.ignore_unknown_parameters);
+  }
+  /// Another folder, clock or number of threads gives the same results.
+  static auto left_out(auto& s, auto each) { return each(s.file, s.folder, s.clock, s.threads, s.warnings, s.unpacked); }
 };
 
 /// Reads an .ssd, or the one in a package (.ssp). Throws Error `file:line: …` for malformed XML, violations of SSP 1.0, unknown

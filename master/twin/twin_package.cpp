@@ -27,14 +27,6 @@ struct TwinLists {
   static auto left_out(Is<ComponentSpec> auto& c, auto each) {
     return each(c.source, c.type, c.place, c.connectors, c.start_values, c.threads, c.implementation, c.process);
   }
-  static auto fields(Is<Port> auto& p, auto each) { return each(p.component, p.variable, p.unit); }
-  static auto fields(Is<ConnectionSpec> auto& c, auto each) {
-    return each(c.from, c.to, c.factor, c.offset, c.suppress_unit_conversion);
-  }
-  static auto left_out(Is<ConnectionSpec> auto& c, auto each) { return each(c.place); }
-  static auto fields(Is<EventSpec> auto& e, auto each) { return each(e.time, e.variable, e.value, e.ramp); }
-  static auto left_out(Is<EventSpec> auto& e, auto each) { return each(e.place); }
-  static auto fields(Is<ToolSpec::Frame> auto& f, auto each) { return each(f.name, f.xyz, f.rpy); }
   static auto fields(Is<ToolSpec> auto& t, auto each) {
     return each(t.time, t.attach, t.known, t.name, t.parent, t.xyz, t.rpy, t.mass, t.com, t.inertia, t.frames, t.reason,
                 t.robot, t.components, t.scope);
