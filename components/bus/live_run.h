@@ -98,6 +98,7 @@ enum class RunVerb : std::uint8_t {
   kStep,    // some ticks, then pause
   kStop     // ends the run in order, before the next tick
 };
+constexpr RunVerb last(RunVerb) { return RunVerb::kStop; }
 
 inline constexpr std::pair<const char*, RunVerb> kRunVerbWords[] = {{"set", RunVerb::kSet},
                                                                     {"pause", RunVerb::kPause},
@@ -140,6 +141,8 @@ class LiveRun {
   struct Deed {
     std::int64_t tick = 0;  // ticks that had ended
     std::string what, by;
+
+    static auto fields(auto& d, auto each) { return each(d.tick, d.what, d.by); }
   };
   void note(Deed deed);
   std::vector<Deed> deeds() const;
@@ -254,6 +257,8 @@ class LiveRun {
   struct Value {
     std::uint32_t channel = 0;
     double value = 0;
+
+    static auto fields(auto& v, auto each) { return each(v.channel, v.value); }
   };
   struct Call {
     RunVerb verb = RunVerb::kSet;

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <type_traits>
 #include <utility>
 
 #include "components/contact_world/engine/solvers/numbers.h"
@@ -28,9 +29,6 @@ std::vector<T> joints_of(std::span<const scene::Joint> from, std::span<const Rig
   for (const scene::Joint& joint : from) joints.emplace_back(joint, bodies);
   return joints;
 }
-
-constexpr std::size_t kHeader = 3 + Guard::kNumbers, kNumbersPerBody = 16, kNumbersPerJoint = 5 + kJointRows,
-                      kNumbersPerNode = 18, kNumbersPerTouch = 26;
 
 }  // namespace
 
@@ -103,12 +101,6 @@ World::Impl::Impl(scene::Scene the_scene, Options the_options)
     q[j] = joints[j].q;
     dq[j] = joints[j].has_axis() ? joints[j].speed(bodies) : 0;
   }
-}
-
-std::size_t World::Impl::loop_numbers() const {
-  std::size_t count = 0;
-  for (const Forest::Tree& tree : forest.trees()) count += tree.loops.memory().size();
-  return count;
 }
 
 World::World(scene::Scene scene, Options options) : impl_(std::make_unique<Impl>(std::move(scene), options)) {}
@@ -248,224 +240,198 @@ double World::energy() const {
 
 double World::largest_gap() const { return impl_->largest_gap(); }
 
+// The state as numbers. One list names them, for their count, for writing, checking and reading.
+
+namespace {
+
+constexpr double kLargest = 1e18;  // magnitudes of a state's numbers are smaller
+constexpr double kMostWhole = std::numeric_limits<std::int32_t>::max(), kMostHalf = std::numeric_limits<std::uint32_t>::max();
+
+/// What a number may be.
+struct Range {
+  double least = -kInfinity, most = kInfinity;
+  const char* of = nullptr;  // what it counts
+  bool infinite = false;     // it may be +∞
+};
+constexpr Range kWhole{-kMostWhole, kMostWhole}, kIndex{0, kMostWhole}, kHalfOfId{0, kMostHalf}, kUnlimited{.infinite = true};
+
+struct Counter {
+  static constexpr bool kMostTouches = true;
+  std::size_t count = 0;
+  void operator()(const auto&, const Range&) { ++count; }
+};
+
+struct Writer {
+  static constexpr bool kMostTouches = false;
+  double* to;
+  void operator()(const auto& value, const Range&) { *to++ = static_cast<double>(value); }
+};
+
+bool fits(double number, const Range& range) {
+  return std::abs(number) < kLargest && !(number < range.least) && !(number > range.most);
+}
+/// Throws Error for a number that does not fit.
+void refuse(double number, const Range& range) {
+  if (range.infinite && number == kInfinity) return;
+  const bool too_large = range.of == nullptr && !(std::abs(number) < kLargest);
+  const std::string shown = text::to_text(number);
+  const std::string what = too_large ? "value " + shown : range.of == nullptr ? "number " + shown : shown + range.of;
+  throw Error("contact world",
+              "invalid state: " + what + ", expected " +
+                  (too_large ? "a magnitude below 1e18" : text::to_text(range.least) + " to " + text::to_text(range.most)));
+}
+
+/// Reads what is not constant.
+template <bool checks>
+struct Reader {
+  static constexpr bool kMostTouches = false;
+  const double* from;
+  template <class T>
+  void operator()(T& value, const Range& range) {
+    const double number = *from++;
+    if (checks && !fits(number, range)) [[unlikely]]
+      refuse(number, range);
+    if constexpr (std::is_same_v<T, bool>) {
+      value = number != 0;
+    } else if constexpr (!std::is_const_v<T>) {
+      value = static_cast<T>(number);
+    }
+  }
+};
+
+}  // namespace
+
+/// Calls visit(number, range) for each number of the state. Numbers of a constant world are not changed, but those that the rest of the list needs.
+template <class Self, class Visit>
+void World::Impl::each_state(Self& w, Visit& visit) {
+  constexpr bool kReads = !std::is_const_v<Self>;
+  const auto numbers = [&](auto&... values) { (visit(values, Range{}), ...); };
+  const auto lists = [&](auto&... vectors) {
+    const auto list = [&](auto& vector) {
+      for (auto& value : vector) numbers(value);
+    };
+    (list(vectors), ...);
+  };
+  auto& guard = w.guard;
+  bool was_stale = w.stale && !w.restored;
+  std::size_t kept = Visit::kMostTouches ? w.options.contacts : std::min(w.touches.size(), w.options.contacts);
+  unsigned flags = (guard.assembling ? 1 : 0) + (guard.begun ? 2 : 0) + (guard.moved ? 4 : 0);
+  numbers(was_stale, w.margin);
+  visit(kept, {0, static_cast<double>(w.options.contacts), " contact points"});
+  numbers(guard.nearest, guard.stalled, guard.start_gap, guard.start_tilt);
+  visit(flags, {0, 7});
+  if constexpr (kReads) {
+    w.restored = !was_stale;
+    guard.assembling = (flags & 1U) != 0;
+    guard.begun = (flags & 2U) != 0;
+    guard.moved = (flags & 4U) != 0;
+    w.touches.assign(kept, {});
+  }
+  for (auto& body : w.bodies) lists(body.p, body.Q, body.v, body.w, body.L);
+  for (auto& one : guard.accounts) {
+    numbers(one.energy, one.potential, one.highest, one.lowest, one.excess, one.owed, one.lost, one.net, one.jumped, one.share,
+            one.largest_share, one.gained, one.buried);
+  }
+  for (std::size_t j = 0; j < w.joints.size(); ++j) {
+    auto& axis = w.axes[j];
+    numbers(w.joints[j].q);
+    visit(axis.lock, kWhole);
+    numbers(axis.motor_speed);
+    visit(axis.motor_torque, kUnlimited);
+    numbers(axis.inertia);
+    lists(w.joint_x[j]);
+  }
+  for (auto& node : w.forest.nodes()) lists(node.curve[0], node.curve[1], node.curve[2]);
+  for (auto& tree : w.forest.trees()) {
+    for (auto& value : tree.loops.memory()) numbers(value);
+  }
+  for (auto& latch : w.latches) {
+    numbers(latch.closed, latch.holds, latch.overloaded, latch.progress);
+    lists(latch.met.linear, latch.met.angular, latch.impulse.linear, latch.impulse.angular);
+  }
+  if (!w.dents.empty()) {
+    visit(w.next_dent, {0, static_cast<double>(w.dents.size() - 1)});
+    visit(w.forgotten, kIndex);
+    for (auto& dent : w.dents) {
+      visit(dent.body, {-1, kMostWhole});
+      visit(dent.shape, kIndex);
+      numbers(dent.reach, dent.area, dent.depth, dent.pierced);
+      lists(dent.p);
+    }
+    for (auto& one : w.yielding) numbers(one.depth, one.work, one.pierced);
+  }
+  static const Contact none;
+  for (std::size_t t = 0; t < kept; ++t) {
+    auto& touch = [&]() -> auto& {
+      if constexpr (kReads) {
+        return w.touches[t];
+      } else {
+        return t < w.touches.size() ? w.touches[t] : none;
+      }
+    }
+    ();
+    auto& point = touch.point;
+    for (auto* whole : {&point.body_a, &point.body_b, &point.shape_a, &point.shape_b}) visit(*whole, kWhole);
+    std::uint64_t high = point.id >> 32U, low = point.id & 0xffffffffU;
+    visit(high, kHalfOfId);
+    visit(low, kHalfOfId);
+    if constexpr (kReads) point.id = high << 32U | low;
+    auto& travel = touch.travel;
+    lists(point.p_W, touch.impulse, travel.a, travel.b, travel.change_a, travel.change_b);
+    numbers(travel.known, travel.goes_on);
+  }
+}
+
+/// Brings all that follows from a state that was read in line with it.
+void World::Impl::after_restore() {
+  for (std::size_t b = 0; b < bodies.size(); ++b) {
+    bodies[b].place();
+    poses[b] = bodies[b].pose();
+    twists[b] = bodies[b].twist();
+  }
+  for (std::size_t j = 0; j < joints.size(); ++j) {
+    joints[j].place(bodies);
+    q[j] = joints[j].q;
+    dq[j] = joints[j].has_axis() ? joints[j].speed(bodies) : 0;
+    const int f = forest.freedom_of(static_cast<int>(j));
+    if (f >= 0) forest.freedoms()[index(f)].s = dq[j];
+  }
+  for (Latch& latch : latches) {
+    latch.progress = std::clamp(latch.progress, 0.0, 1.0);
+    latch.sum = {};
+    latch.joint.place(bodies);
+  }
+  for (Dent& dent : dents) dent.is_new = false;
+  const bool margin_is_restored = restored;
+  latches_changed();
+  restored = margin_is_restored;
+  points.clear();
+  forces.clear();
+  joints_hold = false;
+}
+
 std::size_t World::state_size() const {
-  const Impl& w = *impl_;
-  return kHeader + Account::kNumbers * w.guard.accounts.size() + kNumbersPerBody * w.bodies.size() +
-         kNumbersPerJoint * w.joints.size() + kNumbersPerNode * w.forest.nodes().size() + w.loop_numbers() + w.dent_numbers() +
-         Latch::kNumbers * w.latches.size() + kNumbersPerTouch * w.options.contacts;
+  Counter counter;
+  Impl::each_state(std::as_const(*impl_), counter);
+  return counter.count;
 }
 
 void World::save(std::vector<double>& state) const {
-  const Impl& w = *impl_;
   state.resize(state_size());
-  double* to = state.data();
-  const auto put = [&](const auto&... values) { ((*to++ = static_cast<double>(values)), ...); };
-  const auto put_all = [&](const auto& vector) {
-    for (const double value : vector) put(value);
-  };
-  const std::size_t kept = std::min(w.touches.size(), w.options.contacts);
-  const Guard& guard = w.guard;
-  put(w.stale && !w.restored, w.margin, kept);
-  put(guard.nearest, guard.stalled, guard.start_gap, guard.start_tilt,
-      (guard.assembling ? 1 : 0) + (guard.begun ? 2 : 0) + (guard.moved ? 4 : 0));
-  for (const RigidBody& body : w.bodies) {
-    put_all(body.p);
-    put_all(body.Q);
-    put_all(body.v);
-    put_all(body.w);
-    put_all(body.L);
-  }
-  for (const Account& one : guard.accounts) {
-    put(one.energy, one.potential, one.highest, one.lowest, one.excess, one.owed, one.lost, one.net, one.jumped, one.share,
-        one.largest_share, one.gained, one.buried);
-  }
-  for (std::size_t j = 0; j < w.joints.size(); ++j) {
-    const Axis& axis = w.axes[j];
-    put(w.joints[j].q, axis.lock, axis.motor_speed, axis.motor_torque, axis.inertia);
-    put_all(w.joint_x[j]);
-  }
-  for (const Forest::Node& node : w.forest.nodes()) {
-    for (const Spatial& curve : node.curve) put_all(curve);
-  }
-  for (const Forest::Tree& tree : w.forest.trees()) {
-    put_all(tree.loops.memory());
-  }
-  for (const Latch& latch : w.latches) {
-    put(latch.closed, latch.holds, latch.overloaded, latch.progress);
-    for (const Motion6& motion : {latch.met, latch.impulse}) {
-      put_all(motion.linear);
-      put_all(motion.angular);
-    }
-  }
-  if (!w.dents.empty()) {
-    put(w.next_dent, w.forgotten);
-    for (const Dent& dent : w.dents) {
-      put(dent.body, dent.shape, dent.reach, dent.area, dent.depth, dent.pierced);
-      put_all(dent.p);
-    }
-    for (const Yielding& one : w.yielding) put(one.depth, one.work, one.pierced);
-  }
-  for (std::size_t t = 0; t < kept; ++t) {
-    const ContactPoint& point = w.touches[t].point;
-    put(point.body_a, point.body_b, point.shape_a, point.shape_b, point.id >> 32U, point.id & 0xffffffffU);
-    put_all(point.p_W);
-    put_all(w.touches[t].impulse);
-    put_all(w.touches[t].travel.a);
-    put_all(w.touches[t].travel.b);
-    put_all(w.touches[t].travel.change_a);
-    put_all(w.touches[t].travel.change_b);
-    put(w.touches[t].travel.known, w.touches[t].travel.goes_on);
-  }
-  std::fill(to, state.data() + state.size(), 0.0);
+  Writer writer{state.data()};
+  Impl::each_state(std::as_const(*impl_), writer);
+  std::fill(writer.to, state.data() + state.size(), 0.0);
 }
 
 void World::restore(std::span<const double> state) {
-  Impl& w = *impl_;
-  const double* from = state.data();
-  const auto get = [&] { return *from++; };
-  const auto get_all = [&](auto& vector) {
-    for (double& value : vector) value = get();
-  };
-  const double points = state[2];
-  if (!(points >= 0 && points <= static_cast<double>(w.options.contacts))) {
-    throw Error("contact world", "invalid state: " + text::to_text(points) + " contact points, expected 0 to " +
-                                     std::to_string(w.options.contacts));
+  Reader<true> check{state.data()};
+  Impl::each_state(std::as_const(*impl_), check);
+  for (const double number : state.subspan(static_cast<std::size_t>(check.from - state.data()))) {
+    if (!(std::abs(number) < kLargest)) refuse(number, {});
   }
-  const std::size_t joints = kHeader + Account::kNumbers * w.guard.accounts.size() + kNumbersPerBody * w.bodies.size();
-  const auto is_motor_torque = [&](std::size_t at) {
-    return at >= joints && at < joints + kNumbersPerJoint * w.joints.size() && (at - joints) % kNumbersPerJoint == 3;
-  };
-  for (std::size_t k = 0; k < state.size(); ++k) {
-    if (!(std::abs(state[k]) < 1e18) && !(is_motor_torque(k) && state[k] == scene::kInfinity))
-      throw Error("contact world", "invalid state: value " + text::to_text(state[k]) + ", expected a magnitude below 1e18");
-  }
-  const auto expect_whole = [&](std::size_t at, double least, double most) {
-    if (!(state[at] >= least && state[at] <= most)) {
-      throw Error("contact world", "invalid state: number " + text::to_text(state[at]) + ", expected " + text::to_text(least) +
-                                       " to " + text::to_text(most));
-    }
-  };
-  expect_whole(kHeader - 1, 0, 7);
-  constexpr double kMost = std::numeric_limits<std::int32_t>::max(), kHalf = std::numeric_limits<std::uint32_t>::max();
-  std::size_t at = joints;
-  for (std::size_t j = 0; j < w.joints.size(); ++j, at += kNumbersPerJoint) expect_whole(at + 1, -kMost, kMost);
-  at += kNumbersPerNode * w.forest.nodes().size() + w.loop_numbers() + Latch::kNumbers * w.latches.size();
-  if (!w.dents.empty()) {
-    expect_whole(at, 0, static_cast<double>(w.dents.size() - 1));
-    expect_whole(at + 1, 0, kMost);
-    for (std::size_t d = 0; d < w.dents.size(); ++d) {
-      expect_whole(at + 2 + kNumbersPerDent * d, -1, kMost);
-      expect_whole(at + 3 + kNumbersPerDent * d, 0, kMost);
-    }
-    at += w.dent_numbers();
-  }
-  for (std::size_t t = 0; t < static_cast<std::size_t>(points); ++t, at += kNumbersPerTouch) {
-    for (std::size_t k = 0; k < 4; ++k) expect_whole(at + k, -kMost, kMost);
-    for (std::size_t k = 4; k < 6; ++k) expect_whole(at + k, 0, kHalf);
-  }
-  const bool was_stale = get() != 0;
-  w.margin = get();
-  const auto kept = static_cast<std::size_t>(get());
-  Guard& guard = w.guard;
-  for (double* number : {&guard.nearest, &guard.stalled, &guard.start_gap, &guard.start_tilt}) *number = get();
-  const auto flags = static_cast<unsigned>(get());
-  guard.assembling = (flags & 1U) != 0;
-  guard.begun = (flags & 2U) != 0;
-  guard.moved = (flags & 4U) != 0;
-  for (std::size_t b = 0; b < w.bodies.size(); ++b) {
-    RigidBody& body = w.bodies[b];
-    get_all(body.p);
-    get_all(body.Q);
-    get_all(body.v);
-    get_all(body.w);
-    get_all(body.L);
-    body.place();
-    w.poses[b] = body.pose();
-    w.twists[b] = body.twist();
-  }
-  for (Account& one : guard.accounts) {
-    for (double* number : {&one.energy, &one.potential, &one.highest, &one.lowest, &one.excess, &one.owed, &one.lost, &one.net,
-                           &one.jumped, &one.share, &one.largest_share, &one.gained}) {
-      *number = get();
-    }
-    one.buried = get() != 0;
-  }
-  for (std::size_t j = 0; j < w.joints.size(); ++j) {
-    Axis& axis = w.axes[j];
-    w.joints[j].q = get();
-    axis.lock = static_cast<std::int32_t>(get());
-    axis.motor_speed = get();
-    axis.motor_torque = get();
-    axis.inertia = get();
-    get_all(w.joint_x[j]);
-    w.joints[j].place(w.bodies);
-    w.q[j] = w.joints[j].q;
-    w.dq[j] = w.joints[j].has_axis() ? w.joints[j].speed(w.bodies) : 0;
-    const int f = w.forest.freedom_of(static_cast<int>(j));
-    if (f >= 0) w.forest.freedoms()[index(f)].s = w.dq[j];
-  }
-  for (Forest::Node& node : w.forest.nodes()) {
-    for (Spatial& curve : node.curve) get_all(curve);
-  }
-  for (Forest::Tree& tree : w.forest.trees()) {
-    for (double& value : tree.loops.memory()) value = get();
-  }
-  for (Latch& latch : w.latches) {
-    latch.closed = get() != 0;
-    latch.holds = get() != 0;
-    latch.overloaded = get() != 0;
-    latch.progress = std::clamp(get(), 0.0, 1.0);
-    for (Motion6* motion : {&latch.met, &latch.impulse}) {
-      get_all(motion->linear);
-      get_all(motion->angular);
-    }
-    latch.sum = {};
-    latch.joint.place(w.bodies);
-  }
-  w.latches_changed();
-  if (!w.dents.empty()) {
-    w.next_dent = static_cast<std::size_t>(get());
-    w.forgotten = static_cast<std::size_t>(get());
-    for (Dent& dent : w.dents) {
-      dent.is_new = false;
-      dent.body = static_cast<int>(get());
-      dent.shape = static_cast<int>(get());
-      dent.reach = get();
-      dent.area = get();
-      dent.depth = get();
-      dent.pierced = get() != 0;
-      get_all(dent.p);
-    }
-    for (Yielding& one : w.yielding) {
-      one.depth = get();
-      one.work = get();
-      one.pierced = get() != 0;
-    }
-  }
-  w.touches.resize(kept);
-  for (Impl::Contact& touch : w.touches) {
-    touch = {};
-    ContactPoint& point = touch.point;
-    point.body_a = static_cast<int>(get());
-    point.body_b = static_cast<int>(get());
-    point.shape_a = static_cast<int>(get());
-    point.shape_b = static_cast<int>(get());
-    point.id = static_cast<std::uint64_t>(get()) << 32U;
-    point.id |= static_cast<std::uint64_t>(get());
-    get_all(point.p_W);
-    get_all(touch.impulse);
-    get_all(touch.travel.a);
-    get_all(touch.travel.b);
-    get_all(touch.travel.change_a);
-    get_all(touch.travel.change_b);
-    touch.travel.known = get() != 0;
-    touch.travel.goes_on = get() != 0;
-  }
-  w.points.clear();
-  w.forces.clear();
-  w.stale = true;
-  w.joints_hold = false;
-  w.restored = !was_stale;
+  Reader<false> reader{state.data()};
+  Impl::each_state(*impl_, reader);
+  impl_->after_restore();
 }
 
 }  // namespace cotwin::contact_world

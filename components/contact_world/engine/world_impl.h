@@ -55,7 +55,6 @@ struct Dent {
   bool pierced = false;
   bool is_new = false;  // made in this step
 };
-inline constexpr std::size_t kNumbersPerDent = 9, kNumbersPerYielding = 3;  // of the state
 
 /// How a contact point moves against the centres of mass of its bodies: it may move along the surface.
 struct Travel {
@@ -149,9 +148,6 @@ struct World::Impl {
   Dent& make_dent(const Contact& touch);
   void yield(double h);
   void sum_yielding(double h);
-  std::size_t dent_numbers() const {
-    return dents.empty() ? 0 : kNumbersPerDent * dents.size() + kNumbersPerYielding * yielding.size() + 2;
-  }
 
   // Of the guard; guard.cpp
   void open_accounts();
@@ -210,7 +206,11 @@ struct World::Impl {
   void store_impulses();
   void store_spring_torques(double h);
 
-  std::size_t loop_numbers() const;  // of the state
+  // Of the state
+  template <class Self, class Visit>
+  static void each_state(Self& world, Visit& visit);
+  void after_restore();
+
   void reserve(std::size_t contacts);
   void reserve_impacts(std::size_t contacts);
   void detect();

@@ -185,7 +185,7 @@ double kinetic_energy(const World& world) {
 
 /// Multiplies all velocities, in the state: the world takes this for its own motion.
 void scale_speeds(World& world, double factor, std::vector<double>& state) {
-  constexpr std::size_t kBefore = 3 + Guard::kNumbers, kPerBody = 16, kVelocities = 7;  // World::save
+  constexpr std::size_t kBefore = 8, kPerBody = 16, kVelocities = 7;  // World::save
   world.save(state);
   for (std::size_t b = 0; b < world.poses().size(); ++b) {
     for (std::size_t k = kVelocities; k < kPerBody; ++k) state[kBefore + kPerBody * b + k] *= factor;

@@ -23,8 +23,6 @@ struct Together {
 /// the two solutions of a step. Without D a loss would hide a gain of the same size. What two accounts lose or store in a contact counts half for each, and
 /// those that touch are judged together, so that errors which one contact makes and another one takes back are no gain.
 struct Account {
-  static constexpr std::size_t kNumbers = 13;  // of the state
-
   double energy = 0, potential = 0;      // at the end of the last step, J
   double highest = 0, lowest = 0;        // since the start: largest energy without what was gained, least potential, J
   double excess = 0;                     // gained without work, less what was lost without a cause since then, >= 0, J
@@ -72,8 +70,6 @@ struct Account {
 
 /// Account of a world's energy and of its joints' gaps, which World::fault() and World::gain() judge.
 struct Guard {
-  static constexpr std::size_t kNumbers = 5;  // of the state, without the accounts
-
   std::vector<Account> accounts;
   double nearest = 0, stalled = 0;       // while assembling: least gap of the worst joint, m; steps since it fell
   double start_gap = 0, start_tilt = 0;  // while assembling: largest ones when that began, m, rad

@@ -23,8 +23,6 @@ struct LatchLaw {
 /// spring without damping by the implicit midpoint rule, as Axis: the impulse of each half of the step h is −k h/2 (e + (u − rate) h/2).
 class Latch {
  public:
-  static constexpr std::size_t kNumbers = 16;  // of the state
-
   /// `frames`: kFixed, with both frames and bodies. Throws Error as Joint does.
   Latch(const scene::Joint& frames, std::span<const RigidBody> bodies) : joint(frames, bodies) {}
 
