@@ -24,6 +24,7 @@
 #include "master/engine/wiring/schedule.h"
 #include "master/engine/wiring/wiring.h"
 #include "master/engine/workers.h"
+#include "models/foundation/support/bytes.h"
 #include "models/foundation/support/error.h"
 
 namespace cotwin::master {

@@ -6,7 +6,6 @@
 #include <unordered_map>
 #include <utility>
 
-#include "models/foundation/support/bytes.h"
 #include "models/foundation/support/text.h"
 
 namespace cotwin::master {
@@ -252,26 +251,6 @@ bool Events::is_valid(const State& state) const {
     least = ramp.change + 1;
   }
   return true;
-}
-
-void Events::State::write(ByteWriter& out) const {
-  out.value(static_cast<std::uint64_t>(changes));
-  out.value(static_cast<std::uint64_t>(next));
-  out.value(static_cast<std::uint64_t>(ramps.size()));
-  for (const Ramp& ramp : ramps) {
-    out.value(static_cast<std::uint64_t>(ramp.change));
-    out.value(ramp.begin);
-  }
-}
-
-void Events::State::read(ByteReader& in) {
-  changes = static_cast<std::size_t>(in.value<std::uint64_t>());
-  next = static_cast<std::size_t>(in.value<std::uint64_t>());
-  ramps.resize(in.count(sizeof(std::uint64_t) + sizeof(double)));
-  for (Ramp& ramp : ramps) {
-    ramp.change = static_cast<std::size_t>(in.value<std::uint64_t>());
-    ramp.begin = in.value<double>();
-  }
 }
 
 }  // namespace cotwin::master

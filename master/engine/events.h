@@ -10,11 +10,6 @@
 #include "master/engine/wiring/members.h"
 #include "models/foundation/support/error.h"
 
-namespace cotwin {
-class ByteReader;
-class ByteWriter;
-}  // namespace cotwin
-
 /// Changes of values during a run that the scenario asks for: what-ifs, overrides, disturbances.
 namespace cotwin::master {
 
@@ -27,16 +22,16 @@ class Events {
   struct Ramp {
     std::size_t change = 0;
     double begin = 0;
+
+    static auto fields(auto& r, auto each) { return each(r.change, r.begin); }
   };
-  /// The state of the events at an instant.
+  /// The state of the events at an instant. One that was read is checked with is_valid().
   struct State {
     std::size_t changes = 0;  // total number
     std::size_t next = 0;     // the first that has not begun
     std::vector<Ramp> ramps;
 
-    void write(ByteWriter& out) const;
-    /// The caller checks the result with is_valid().
-    void read(ByteReader& in);
+    static auto fields(auto& s, auto each) { return each(s.changes, s.next, s.ramps); }
   };
   /// A jump of one real value, beside the events of the scenario.
   struct Jump {

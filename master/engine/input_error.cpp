@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "master/engine/engine.h"
+#include "models/foundation/support/fields.h"
 
 namespace cotwin::master {
 
@@ -94,26 +95,12 @@ std::vector<std::string> InputError::noisy() const {
   return names;
 }
 
-void InputError::write(ByteWriter& out) const {
-  out.list(last_);
-  out.list(slope_);
-  out.list(first_);
-  out.value(static_cast<std::uint64_t>(sources_.size()));
-  for (const Source& s : sources_) {
-    out.value(s.scale);
-    out.value(static_cast<std::int32_t>(s.jumps));
-  }
-}
-
 void InputError::read(ByteReader& in) {
-  for (std::vector<double>* list : {&last_, &slope_, &first_}) {
-    if (in.count(sizeof(double)) != list->size()) in.fail("has the slopes of other inputs");
-    in.values(std::span<double>(*list));
-  }
-  if (in.count(sizeof(double)) != sources_.size()) in.fail("has the scales of other inputs");
-  for (Source& s : sources_) {
-    s.scale = in.value<double>();
-    s.jumps = in.value<std::int32_t>();
+  const std::size_t inputs = last_.size(), sources = sources_.size();
+  Getter(in).get(*this);
+  if (last_.size() != inputs || slope_.size() != inputs || first_.size() != inputs) in.fail("has the slopes of other inputs");
+  if (sources_.size() != sources) in.fail("has the scales of other inputs");
+  for (const Source& s : sources_) {
     if (s.jumps < 0 || s.jumps > kMostJumps) in.fail("is damaged");
   }
 }

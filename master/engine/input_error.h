@@ -34,21 +34,24 @@ class InputError {
   /// Names of the outputs that are not compared any more.
   std::vector<std::string> noisy() const;
 
-  void write(ByteWriter& out) const;
   void read(ByteReader& in);
+  static auto fields(auto& e, auto each) { return each(e.last_, e.slope_, e.first_, e.sources_); }
 
   static constexpr int kMostJumps = 32;
   static constexpr double kSmall = 1e-6;  // in the variable's SI measure
 
  private:
   struct Source {
-    const ResolvedConnection* link;
+    const ResolvedConnection* link = nullptr;
     std::span<const double> values;
-    std::size_t first;    // of its elements in the lists below
-    bool linear = false;  // continued linearly
-    double scale;
+    std::size_t first = 0;  // of its elements in the lists below
+    bool linear = false;    // continued linearly
+    double scale = 0;
     double error = 0;  // of the last step
     int jumps = 0;     // shortest steps since the last one that kept the tolerance, or since values had drifted
+
+    static auto fields(auto& s, auto each) { return each(s.scale, s.jumps); }
+    static auto left_out(auto& s, auto each) { return each(s.link, s.values, s.first, s.linear, s.error); }
   };
   std::vector<Source> sources_;
   bool has_drifted(const Source& source) const;

@@ -7,7 +7,7 @@
 #include <utility>
 
 #include "master/engine/engine.h"
-#include "models/foundation/support/bytes.h"
+#include "models/foundation/support/fields.h"
 #include "models/foundation/support/text.h"
 
 namespace cotwin::master {
@@ -434,28 +434,16 @@ bool Engine::solves(const ResolvedConnection& link) const {
 }
 
 void Engine::write_counts(ByteWriter& out) const {
-  for (const LoopReport& loop : loops_) {
-    out.value(loop.gain);
-    out.value(loop.gain_time);
-    out.value(loop.solved_from);
-  }
-  for (const auto& solver : solvers_) {
-    const LoopCounts& c = solver->counts();
-    for (const std::int64_t count : {c.steps, c.iterations, c.linearisations, c.evaluations, c.divided}) out.value(count);
-  }
+  for (const LoopReport& loop : loops_) Putter(out).put(loop.gain, loop.gain_time, loop.solved_from);
+  for (const auto& solver : solvers_) Putter(out).put(solver->counts());
 }
 
 void Engine::read_counts(ByteReader& in) {
-  for (LoopReport& loop : loops_) {
-    loop.gain = in.value<double>();
-    loop.gain_time = in.value<double>();
-    loop.solved_from = in.value<double>();
-  }
+  for (LoopReport& loop : loops_) Getter(in).get(loop.gain, loop.gain_time, loop.solved_from);
   for (const auto& solver : solvers_) {
-    LoopCounts c;
-    for (std::int64_t* count : {&c.steps, &c.iterations, &c.linearisations, &c.evaluations, &c.divided})
-      *count = in.value<std::int64_t>();
-    solver->set_counts(c);
+    LoopCounts counts;
+    Getter(in).get(counts);
+    solver->set_counts(counts);
   }
 }
 

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "models/foundation/support/error.h"
+#include "models/foundation/support/fields.h"
 #include "models/foundation/support/text.h"
 
 namespace cotwin::master {
@@ -55,37 +56,16 @@ void Checkpoint::restore(std::span<const Member> members, Engine& engine) const 
   engine.restore_coupling(coupling_);
 }
 
-void Checkpoint::write(ByteWriter& out) const {
-  out.value(tick_);
-  out.value(static_cast<std::uint64_t>(snapshots_.size()));
-  for (const Snapshot& snapshot : snapshots_) out.text(snapshot.serialise());
-  out.value(static_cast<std::uint64_t>(progress_.size()));
-  for (const Progress& p : progress_) {
-    out.value(p.time.ns);
-    out.value(p.last_step.ns);
-  }
-  events_.write(out);
-  out.list(coupling_);
-}
-
 void Checkpoint::read(ByteReader& in, std::span<const Member> members, const Engine& engine) {
   const Schedule& schedule = engine.schedule;
-  tick_ = in.value<std::int64_t>();
+  Getter(in).get(*this);
   if (tick_ < 0 || tick_ > schedule.ticks()) in.fail("is at tick " + std::to_string(tick_) + " of another run");
-  if (in.count(sizeof(std::uint64_t)) != members.size()) in.fail("has the states of other units");
-  snapshots_.clear();
-  for (std::size_t m = 0; m < members.size(); ++m) snapshots_.push_back(Snapshot::deserialise(in.text()));
-  if (in.count(2 * sizeof(std::int64_t)) != members.size()) in.fail("has the states of other units");
-  progress_.clear();
-  for (std::size_t m = 0; m < members.size(); ++m) {
-    const Time time{in.value<std::int64_t>()};
-    const Duration last{in.value<std::int64_t>()};
-    if (time < schedule.time(0) || time > schedule.time(tick_) || last.ns < 0) in.fail("has impossible times of steps");
-    progress_.push_back({time, last});
+  if (snapshots_.size() != members.size() || progress_.size() != members.size()) in.fail("has the states of other units");
+  for (const Progress& p : progress_) {
+    if (p.time < schedule.time(0) || p.time > schedule.time(tick_) || p.last_step.ns < 0)
+      in.fail("has impossible times of steps");
   }
-  events_.read(in);
   if (!engine.events.is_valid(events_)) in.fail("is amid other events");
-  coupling_ = in.list<double>();
   if (!engine.is_coupling(coupling_)) in.fail("has other loops");
 }
 
@@ -273,28 +253,22 @@ double StepControl::mean_tries(std::int64_t ticks) const {
 }
 
 void StepControl::write(ByteWriter& out) const {
-  checkpoint_.write(out);
-  out.value(careful_until_);
-  out.value(static_cast<std::uint64_t>(discarded_by_.size()));
-  for (const std::int64_t count : discarded_by_) out.value(count);
-  out.value(static_cast<std::int32_t>(most_parts_));
-  for (const std::int64_t number : {next_.ns, parts_sum_, rejected_, tolerance_missed_}) out.value(number);
+  Putter(out).put(checkpoint_, *this);
   engine_.write_counts(out);
-  out.value(static_cast<std::uint8_t>(input_error_.has_value()));
-  if (input_error_) input_error_->write(out);
+  Putter(out).put(input_error_.has_value());
+  if (input_error_) Putter(out).put(*input_error_);
 }
 
 std::int64_t StepControl::restore(ByteReader& in) {
   checkpoint_.read(in, members_, engine_);
   restore_checkpoint();
-  careful_until_ = in.value<std::int64_t>();
-  if (in.count(sizeof(std::int64_t)) != discarded_by_.size()) in.fail("has the states of other units");
-  for (std::int64_t& count : discarded_by_) count = in.value<std::int64_t>();
-  most_parts_ = in.value<std::int32_t>();
-  for (std::int64_t* number : {&next_.ns, &parts_sum_, &rejected_, &tolerance_missed_}) *number = in.value<std::int64_t>();
+  Getter(in).get(*this);
+  if (discarded_by_.size() != members_.size()) in.fail("has the states of other units");
   if (most_parts_ < 1 || next_.ns < 0) in.fail("is damaged");
   engine_.read_counts(in);
-  if ((in.value<std::uint8_t>() != 0) != input_error_.has_value()) in.fail("is of another tolerance");
+  bool has_tolerance = false;
+  Getter(in).get(has_tolerance);
+  if (has_tolerance != input_error_.has_value()) in.fail("is of another tolerance");
   if (input_error_) input_error_->read(in);
   find_next_checkpoint(checkpoint_.tick());
   return checkpoint_.tick();

@@ -26,8 +26,8 @@ class Checkpoint {
   /// The tick that was about to begin; −1 before the first take().
   std::int64_t tick() const { return tick_; }
 
-  /// Writes bytes that another process can read. They lack a state that a foreign FMU can only keep in itself.
-  void write(ByteWriter& out) const;
+  /// What another process can read. It lacks a state that a foreign FMU can only keep in itself.
+  static auto fields(auto& c, auto each) { return each(c.tick_, c.snapshots_, c.progress_, c.events_, c.coupling_); }
   /// Throws Error for bytes that are cut short, damaged, or of another scenario.
   void read(ByteReader& in, std::span<const Member> members, const Engine& engine);
 
@@ -35,6 +35,8 @@ class Checkpoint {
   struct Progress {
     Time time;
     Duration last_step;
+
+    static auto fields(auto& p, auto each) { return each(p.time, p.last_step); }
   };
   std::int64_t tick_ = -1;
   std::vector<Snapshot> snapshots_;
@@ -107,6 +109,10 @@ class StepControl {
   void write(ByteWriter& out) const;
   /// Restores the state that write() wrote, and returns its tick. Throws Error as Checkpoint::read.
   std::int64_t restore(ByteReader& in);
+  /// What is kept besides the last checkpoint.
+  static auto fields(auto& c, auto each) {
+    return each(c.careful_until_, c.discarded_by_, c.most_parts_, c.next_, c.parts_sum_, c.rejected_, c.tolerance_missed_);
+  }
 
  private:
   std::size_t step_in_parts(const Tick& tick, std::size_t discarded_by);

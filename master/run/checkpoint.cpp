@@ -3,76 +3,30 @@
 #include <algorithm>
 
 #include "models/foundation/support/atomic_file.h"
-#include "models/foundation/support/bytes.h"
 #include "models/foundation/support/error.h"
+#include "models/foundation/support/fields.h"
 #include "models/foundation/support/file.h"
 
 namespace cotwin::master {
 
 namespace {
 
-constexpr std::string_view kMagic = "CTWRUN2\n";
-
-void write(ByteWriter& out, const std::optional<Recorder::Kept>& given) {
-  const Recorder::Kept kept = given.value_or(Recorder::Kept{});
-  out.value(static_cast<std::uint8_t>(given.has_value()));
-  out.value(kept.bytes);
-  out.value(kept.rows);
-  out.value(kept.dropped);
-  out.value(kept.hash);
-}
-
-std::optional<Recorder::Kept> read_kept(ByteReader& in) {
-  const auto given = in.value<std::uint8_t>();
-  if (given > 1) in.fail("is damaged");
-  Recorder::Kept kept;
-  kept.bytes = in.value<std::uint64_t>();
-  kept.rows = in.value<std::int64_t>();
-  kept.dropped = in.value<std::int64_t>();
-  kept.hash = in.value<std::uint64_t>();
-  return given == 1 ? std::optional(kept) : std::nullopt;
-}
+constexpr std::uint64_t kMagic = 0x0a334e5552575443u;  // the bytes "CTWRUN3\n": the format and its version
 
 }  // namespace
 
-std::string to_bytes(const RunCheckpoint& c) {
+std::string to_bytes(const RunCheckpoint& checkpoint) {
   ByteWriter out;
-  out.text(c.build.version);
-  out.value(c.build.file);
-  out.text(c.build.cpu);
-  out.value(c.scenario);
-  out.text(c.command);
-  out.text(c.folder);
-  out.value(c.state.beginning);
-  write(out, c.state.recording);
-  write(out, c.state.view);
-  out.value(c.state.wall_seconds);
-  out.text(c.state.bytes);
-  ByteWriter head;
-  head.value(cotwin::hash_of(out.bytes()));
-  return std::string(kMagic) + head.bytes() + out.bytes();
+  Putter(out).put(checkpoint);
+  return sealed(kMagic, out.take());
 }
 
 RunCheckpoint parse_checkpoint(std::string_view bytes, const std::string& place) {
-  if (!bytes.starts_with(kMagic)) throw Error(place, "is not a checkpoint of a run, or one of another version of the program");
-  bytes.remove_prefix(kMagic.size());
-  ByteReader in(as_bytes(bytes), place);
-  const auto hash = in.value<std::uint64_t>();
-  if (cotwin::hash_of(bytes.substr(sizeof hash)) != hash) in.fail("is damaged or cut short");
-  RunCheckpoint c;
-  c.build.version = in.text();
-  c.build.file = in.value<std::uint64_t>();
-  c.build.cpu = in.text();
-  c.scenario = in.value<std::uint64_t>();
-  c.command = in.text();
-  c.folder = in.text();
-  c.state.beginning = in.value<std::uint64_t>();
-  c.state.recording = read_kept(in);
-  c.state.view = read_kept(in);
-  c.state.wall_seconds = in.value<double>();
-  c.state.bytes = in.text();
+  ByteReader in = opened(kMagic, bytes, place, "is not a checkpoint of a run, or one of another version of the program");
+  RunCheckpoint checkpoint;
+  Getter(in).get(checkpoint);
   in.expect_end();
-  return c;
+  return checkpoint;
 }
 
 RunCheckpoint load_checkpoint(const std::filesystem::path& file) {

@@ -22,6 +22,8 @@ struct RunCheckpoint {
   std::string command;         // the options of the run, as JSON
   std::string folder;          // the working directory, base of its relative paths
   RunState state;
+
+  static auto fields(auto& c, auto each) { return each(c.build, c.scenario, c.command, c.folder, c.state); }
 };
 
 /// Serialises, with a hash of all bytes.

@@ -17,6 +17,8 @@ struct Build {
   std::string version;     // "0.9.0"
   std::uint64_t file = 0;  // a hash of the executable
   std::string cpu;         // the instruction set of the kernels, e.g. "x86-64-v3"
+
+  static auto fields(auto& b, auto each) { return each(b.version, b.file, b.cpu); }
   friend bool operator==(const Build&, const Build&) = default;
 };
 

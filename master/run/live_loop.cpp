@@ -6,8 +6,8 @@
 
 #include "master/clock/clock.h"
 #include "master/engine/threaded_unit.h"
-#include "models/foundation/support/bytes.h"
 #include "models/foundation/support/choice.h"
+#include "models/foundation/support/fields.h"
 
 namespace cotwin::master {
 
@@ -268,93 +268,32 @@ Influence LiveLoop::influence() const {
   return all;
 }
 
-void LiveLoop::write(ByteWriter& out) const {
-  const auto value = [&](const LiveRun::Value& v) {
-    out.value(v.channel);
-    out.value(v.value);
-  };
-  const std::vector<std::string> names = run_->names();
-  out.value(static_cast<std::uint64_t>(names.size()));
-  for (const std::string& name : names) out.text(name);
-  out.value(static_cast<std::uint64_t>(listed_.size()));
-  for (const Listed& listed : listed_) {
-    out.value(listed.tick);
-    value(listed.value);
-    out.value(listed.by);
-  }
-  out.value(static_cast<std::uint64_t>(waiting_.size()));
-  for (const Waiting& waiting : waiting_) {
-    out.value(waiting.time.ns);
-    value(waiting.value);
-    out.value(waiting.by);
-  }
-  out.value(static_cast<std::uint64_t>(taken_.size()));
-  for (const Taken& taken : taken_) {
-    out.value(taken.tick);
-    out.value(static_cast<std::uint8_t>(taken.verb));
-    out.value(taken.by);
-  }
-  const std::vector<LiveRun::Deed> deeds = run_->deeds();
-  out.value(static_cast<std::uint64_t>(deeds.size()));
-  for (const LiveRun::Deed& deed : deeds) {
-    out.value(deed.tick);
-    out.text(deed.what);
-    out.text(deed.by);
-  }
-  for (const std::int64_t count : {more_, refused_, pauses_, changes_, paused_ns_}) out.value(count);
-}
+void LiveLoop::write(ByteWriter& out) const { Putter(out).put(run_->names(), run_->deeds(), *this); }
 
 void LiveLoop::read(ByteReader& in, std::int64_t tick) {
-  const auto value = [&] {
-    LiveRun::Value v;
-    v.channel = in.value<std::uint32_t>();
-    v.value = in.value<double>();
-    if (v.channel >= targets_.size()) in.fail("sets values of other units");
-    return v;
+  std::vector<std::string> names;
+  std::vector<LiveRun::Deed> deeds;
+  Getter(in).get(names, deeds, *this);
+  std::vector<std::uint32_t> numbers;  // of the names in this process
+  for (const std::string& name : names) numbers.push_back(run_->number_of(name));
+  const auto adopt_name = [&](std::uint32_t& by) {
+    if (by >= numbers.size()) in.fail("is damaged");
+    by = numbers[by];
   };
-  constexpr std::size_t kBytes = sizeof(std::int64_t) + 2 * sizeof(std::uint32_t) + sizeof(double);
-  std::vector<std::uint32_t> names;  // their numbers in this process
-  for (std::size_t left = in.count(sizeof(std::uint64_t)); left > 0; --left) names.push_back(run_->number_of(in.text()));
-  const auto name = [&] {
-    const auto number = in.value<std::uint32_t>();
-    if (number >= names.size()) in.fail("is damaged");
-    return names[number];
+  const auto adopt = [&](auto& changes) {
+    for (auto& change : changes) {
+      if (change.value.channel >= targets_.size()) in.fail("sets values of other units");
+      adopt_name(change.by);
+    }
   };
-  listed_.clear();
-  const std::size_t listed = in.count(kBytes);
-  if (listed > kMostListed) in.fail("is damaged");
-  for (std::size_t i = 0; i < listed; ++i) {
-    const auto at = in.value<std::int64_t>();
-    const LiveRun::Value set = value();
-    listed_.push_back({at, set, name()});
-  }
-  waiting_.clear();
-  const std::size_t waiting = in.count(kBytes);
-  if (waiting > LiveRun::kMaxWaiting) in.fail("is damaged");
-  for (std::size_t i = 0; i < waiting; ++i) {
-    const Time at{in.value<std::int64_t>()};
-    const LiveRun::Value set = value();
-    waiting_.push_back({at, set, name()});
-  }
-  taken_.clear();
-  const std::size_t taken = in.count(sizeof(std::int64_t) + sizeof(bus::RunVerb) + sizeof(std::uint32_t));
-  if (taken > kMostCommands) in.fail("is damaged");
-  for (std::size_t i = 0; i < taken; ++i) {
-    const auto at = in.value<std::int64_t>();
-    const auto verb = in.value<std::uint8_t>();
-    if (verb > static_cast<std::uint8_t>(bus::RunVerb::kStop)) in.fail("is damaged");
-    taken_.push_back({at, static_cast<bus::RunVerb>(verb), name()});
-  }
-  if (!std::ranges::is_sorted(waiting_, {}, &Waiting::time)) in.fail("is damaged");
+  if (listed_.size() > kMostListed || waiting_.size() > LiveRun::kMaxWaiting || taken_.size() > kMostCommands ||
+      !std::ranges::is_sorted(waiting_, {}, &Waiting::time))
+    in.fail("is damaged");
+  adopt(listed_);
+  adopt(waiting_);
+  for (Taken& taken : taken_) adopt_name(taken.by);
   find_next_waiting();
-  for (std::size_t left = in.count(3 * sizeof(std::int64_t)); left > 0; --left) {
-    LiveRun::Deed deed;
-    deed.tick = in.value<std::int64_t>();
-    deed.what = in.text();
-    deed.by = in.text();
-    run_->note(std::move(deed));
-  }
-  for (std::int64_t* count : {&more_, &refused_, &pauses_, &changes_, &paused_ns_}) *count = in.value<std::int64_t>();
+  for (LiveRun::Deed& deed : deeds) run_->note(std::move(deed));
   run_->set_changes(changes_);
   run_->set_tick(tick);
 }

@@ -91,8 +91,11 @@ class LiveLoop {
 
   Influence influence() const;
   /// The part of a checkpoint: changes so far, and those that wait for their time.
-  void write(ByteWriter& out) const;
   void read(ByteReader& in, std::int64_t tick);
+  static auto fields(auto& l, auto each) {
+    return each(l.listed_, l.waiting_, l.taken_, l.more_, l.refused_, l.pauses_, l.changes_, l.paused_ns_);
+  }
+  void write(ByteWriter& out) const;
 
  private:
   struct Source {
@@ -108,16 +111,22 @@ class LiveLoop {
     Time time;
     bus::LiveRun::Value value;
     std::uint32_t by = 0;  // number of a name
+
+    static auto fields(auto& w, auto each) { return each(w.time, w.value, w.by); }
   };
   struct Listed {
     std::int64_t tick = 0;
     bus::LiveRun::Value value;
     std::uint32_t by = 0;
+
+    static auto fields(auto& l, auto each) { return each(l.tick, l.value, l.by); }
   };
   struct Taken {
     std::int64_t tick = 0;
     bus::RunVerb verb = bus::RunVerb::kPause;
     std::uint32_t by = 0;
+
+    static auto fields(auto& t, auto each) { return each(t.tick, t.verb, t.by); }
   };
 
   void answer_calls(std::int64_t tick, Time now);

@@ -14,8 +14,8 @@
 #include "master/run/columns.h"
 #include "master/run/loop.h"
 #include "master/run/omissions.h"
-#include "models/foundation/support/bytes.h"
 #include "models/foundation/support/error.h"
+#include "models/foundation/support/fields.h"
 #include "models/foundation/support/text.h"
 
 namespace cotwin::master {
@@ -288,8 +288,7 @@ std::string Master::Loop::state() const {
   ByteWriter out;
   control_.write(out);
   statistics_.write(out);
-  out.value(signals_.next);
-  out.value(view_.next);
+  Putter(out).put(signals_.next, view_.next);
   if (live_) live_->write(out);
   return out.bytes();
 }
@@ -301,8 +300,7 @@ void Master::Loop::restore(const RunState& run) {
   ByteReader in(as_bytes(run.bytes), place);
   tick_ = control_.restore(in);
   statistics_.read(in, engine_.schedule.time(0), now());
-  signals_.next = in.value<std::int64_t>();
-  view_.next = in.value<std::int64_t>();
+  Getter(in).get(signals_.next, view_.next);
   if (live_) live_->read(in, tick_);
   in.expect_end();
   const auto fits = [&](const Rows& rows, const std::filesystem::path& file) {

@@ -35,6 +35,8 @@ struct RunState {
   std::optional<Recorder::Kept> recording, view;
   double wall_seconds = 0;  // so far
   std::string bytes;
+
+  static auto fields(auto& s, auto each) { return each(s.beginning, s.recording, s.view, s.wall_seconds, s.bytes); }
 };
 
 struct MasterOptions {

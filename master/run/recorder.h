@@ -28,6 +28,8 @@ class Recorder {
     std::uint64_t bytes = 0;
     std::int64_t rows = 0, dropped = 0;
     std::uint64_t hash = 0;  // of these bytes, XXH3
+
+    static auto fields(auto& k, auto each) { return each(k.bytes, k.rows, k.dropped, k.hash); }
   };
   struct Options {
     bool may_wait = true;  // if the ring is full: wait for the writer; false: drop the row

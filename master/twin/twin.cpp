@@ -5,8 +5,8 @@
 #include <map>
 
 #include "master/engine/threaded_unit.h"
-#include "models/foundation/support/bytes.h"
 #include "models/foundation/support/error.h"
+#include "models/foundation/support/fields.h"
 #include "models/foundation/support/text.h"
 
 namespace cotwin::master {
@@ -228,17 +228,14 @@ void Twin::restored() {
 
 void Twin::save_memory(std::string& bytes) {
   ByteWriter out;
-  out.value(tick_);
-  for (const std::size_t slot : engine_->schedule.slot_of) {
-    out.value(engine_->schedule.slots[slot].time.ns);
-    out.value(engine_->schedule.slots[slot].last_step.ns);
-  }
+  Putter(out).put(tick_);
+  for (const std::size_t slot : engine_->schedule.slot_of)
+    Putter(out).put(engine_->schedule.slots[slot].time, engine_->schedule.slots[slot].last_step);
   Events::State events;
   engine_->events.save(events);
-  events.write(out);
   std::vector<double> coupling;
   engine_->save_coupling(coupling);
-  out.list(coupling);
+  Putter(out).put(events, coupling);
   for (const Member& member : members_) {
     std::string memory;
     member.instance.unit->save_memory(memory);
@@ -249,15 +246,13 @@ void Twin::save_memory(std::string& bytes) {
 
 void Twin::restore_memory(const std::string& bytes) {
   ByteReader in(as_bytes(bytes), "state of the scenario");
-  tick_ = in.value<std::int64_t>();
-  for (const std::size_t slot : engine_->schedule.slot_of) {
-    engine_->schedule.slots[slot].time.ns = in.value<std::int64_t>();
-    engine_->schedule.slots[slot].last_step.ns = in.value<std::int64_t>();
-  }
+  Getter(in).get(tick_);
+  for (const std::size_t slot : engine_->schedule.slot_of)
+    Getter(in).get(engine_->schedule.slots[slot].time, engine_->schedule.slots[slot].last_step);
   Events::State events;
-  events.read(in);
+  std::vector<double> coupling;
+  Getter(in).get(events, coupling);
   if (!engine_->events.is_valid(events)) in.fail("is damaged: its events are not those of the scenario");
-  const auto coupling = in.list<double>();
   if (!engine_->is_coupling(coupling)) in.fail("is damaged: its loops are not those of the scenario");
   for (const Member& member : members_) member.instance.unit->restore_memory(in.text());
   in.expect_end();

@@ -13,6 +13,8 @@ struct LoopCounts {
   std::int64_t linearisations = 0;  // Jacobians computed by probing
   std::int64_t evaluations = 0;     // steps of single units, all together
   std::int64_t divided = 0;         // steps that were divided
+
+  static auto fields(auto& c, auto each) { return each(c.steps, c.iterations, c.linearisations, c.evaluations, c.divided); }
 };
 
 /// Largest number of exchanged values of a loop whose gain coupling=auto measures.

@@ -22,7 +22,8 @@
 ///     static auto fields(auto& p, auto each) { return each(p.component, p.variable); }
 ///     static auto left_out(auto& p, auto each) { return each(p.place); }  // a message's
 ///   };
-/// `left_out` names the members that are not kept, if there are any. **A member in neither list does not compile.** For an enumeration that is kept,
+/// `left_out` names the members that are not kept, if there are any. **A member in neither list does not compile**, but in classes (with private
+/// members or constructors), whose list is the state that they keep. For an enumeration that is kept,
 /// `constexpr Enum last(Enum)` beside it returns its last enumerator (and `first`, where that is not 0); others are refused.
 /// Kept are numbers, enumerations, texts, matrices of Eigen of fixed size, optional and shared values, variants, pairs, arrays, lists, sets, maps, what has
 /// serialise() and deserialise(), and structures with a list. Numbers have the same width in the bytes on every platform.
@@ -97,7 +98,7 @@ template <class Own, class T>
 void each_field(T& value, auto each) {
   using Structure = std::remove_const_t<T>;
   using Lists = ListsOf<Own, Structure>;
-  static_assert(has_members<Structure, members_in<Lists, Structure>()>,
+  static_assert(!std::is_aggregate_v<Structure> || has_members<Structure, members_in<Lists, Structure>()>,
                 "a member is in none of the lists of its structure, or in two");
   Lists::fields(value, each);
 }

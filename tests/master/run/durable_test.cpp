@@ -295,7 +295,7 @@ TEST_F(Durable, RefusesToGoOnWithAnotherScenarioProgramOrMachine) {
   expect_refused_after([](RunCheckpoint& c) { c.build.cpu = "abacus"; }, "with the instruction set abacus");
   expect_refused_after([](RunCheckpoint& c) { c.command = "[1"; }, "its options cannot be read");
   expect_refused_after([](RunCheckpoint& c) { c.folder = "/nowhere/at/all"; }, "/nowhere/at/all");
-  cotwin::write_file(file, "CTWRUN2\nnonsense");
+  cotwin::write_file(file, "CTWRUN3\nnonsense");
   expect_refused("damaged or cut short");
   cotwin::write_file(file, to_bytes(good));
   EXPECT_THAT(run({"run", "--resume", "nowhere"}).err, HasSubstr("nowhere/run.checkpoint: cannot be read: No such file"));
