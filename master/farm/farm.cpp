@@ -14,12 +14,9 @@
 #include <thread>
 #include <utility>
 
-#include "components/robot_files/robot_files.h"
 #include "master/run/master.h"
 #include "master/scenario/folders.h"
-#include "models/cloud/tree.h"
 #include "models/foundation/support/error.h"
-#include "models/foundation/support/fields.h"
 #include "models/foundation/support/file_hash.h"
 #include "models/foundation/support/text.h"
 
@@ -124,16 +121,10 @@ void Farm::name_figures(Master& master) {
 }
 
 Facts Farm::facts(const Build& build) const {
-  ByteWriter bytes;
-  Putter models(bytes);
-  for (const auto& robot : models_->all<FoundRobot>(kRobotKey)) models.put(robot->model);
-  for (const auto& cell : models_->all<FoundCell>(kCellKey)) models.put(cell->cell);
-  for (const auto& obstacle : models_->all<cloud::Obstacle>(cloud::kCloudKey)) models.put(obstacle->points->cloud());
-  for (const auto& set : models_->all<ParameterSet>(kValuesKey)) models.put(*set);
   return {{"study", study_.text},
           {"table", study_.table.empty() ? "none" : hexadecimal(hash_of_file(study_.table))},
           {"scenario", hexadecimal(scenarios_)},
-          {"models", hexadecimal(cotwin::hash_of(bytes.bytes()))},
+          {"models", hexadecimal(hash_of(*models_))},
           {"program", "cotwin " + build.version + " (build " + hexadecimal(build.file) + ")"},
           {"instruction set", build.cpu}};
 }

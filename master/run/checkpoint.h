@@ -22,8 +22,9 @@ struct RunCheckpoint {
   std::string command;         // the options of the run, as JSON
   std::string folder;          // the working directory, base of its relative paths
   RunState state;
+  std::uint64_t models = 0;  // hash_of(FileStore)
 
-  static auto fields(auto& c, auto each) { return each(c.build, c.scenario, c.command, c.folder, c.state); }
+  static auto fields(auto& c, auto each) { return each(c.build, c.scenario, c.command, c.folder, c.state, c.models); }
 };
 
 /// Serialises, with a hash of all bytes.

@@ -5,7 +5,9 @@
 #include <system_error>
 #include <variant>
 
+#include "components/robot_files/robot_files.h"
 #include "master/engine/wiring/members.h"
+#include "models/cloud/tree.h"
 #include "models/foundation/support/fields.h"
 #include "models/foundation/support/file_hash.h"
 #include "models/foundation/support/text.h"
@@ -66,6 +68,16 @@ std::uint64_t hash_of(const Scenario& scenario) {
   for (const NestedSetting& setting : s.nested_settings) files.add(fs::path(setting.value));
   for (const ComponentSpec& c : s.components) files.add(c);
   for (const ToolSpec& t : s.tools) files.add(t.shapes);
+  return cotwin::hash_of(bytes.bytes());
+}
+
+std::uint64_t hash_of(const FileStore& models) {
+  ByteWriter bytes;
+  Putter out(bytes);
+  for (const auto& robot : models.all<FoundRobot>(kRobotKey)) out.put(robot->model);
+  for (const auto& cell : models.all<FoundCell>(kCellKey)) out.put(cell->cell);
+  for (const auto& obstacle : models.all<cloud::Obstacle>(cloud::kCloudKey)) out.put(obstacle->points->cloud());
+  for (const auto& set : models.all<ParameterSet>(kValuesKey)) out.put(*set);
   return cotwin::hash_of(bytes.bytes());
 }
 

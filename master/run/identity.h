@@ -4,6 +4,7 @@
 
 #include "master/scenario/scenario.h"
 #include "models/foundation/support/file_hash.h"
+#include "models/foundation/support/file_store.h"
 
 /// Identifies what determines the bits of a run: the program, and a scenario with the files that it names.
 namespace cotwin::master {
@@ -11,6 +12,8 @@ namespace cotwin::master {
 /// Hash of everything in the scenario that a run depends on, including `--set`, and of the contents of FMUs and of files that
 /// parameters and settings name. Independent of the scenario's folder.
 std::uint64_t hash_of(const Scenario& scenario);
+/// Hash of the robots, cells, clouds and start values that units have read, with the meshes that these name.
+std::uint64_t hash_of(const FileStore& models);
 
 /// This program.
 struct Build {

@@ -289,7 +289,7 @@ struct Scenario {
                 s.connections, s.events, s.tools, s.recording, s.all_outputs, s.decimation, s.comparisons, s.bonds, s.reports,
                 s.units, s.ignore_unknown_parameters);
   }
-  /// Another folder, clock or number of threads gives the same results.
+  /// A run may go on in another folder, by another clock and with other threads.
   static auto left_out(auto& s, auto each) { return each(s.file, s.folder, s.clock, s.threads, s.warnings, s.unpacked); }
 };
 

@@ -7,7 +7,6 @@
 #include <cstring>
 #include <filesystem>
 #include <random>
-#include <set>
 
 #include "fmu/import/package.h"
 #include "models/foundation/support/error.h"
@@ -15,6 +14,7 @@
 #include "models/robot/urdf/urdf.h"
 #include "models/scene/sdf/sdf.h"
 #include "models/scene/urdf/urdf_shapes.h"
+#include "tests/support/listed_once.h"
 #include "tests/support/places.h"
 
 namespace cotwin::fmu::package_test {
@@ -196,25 +196,9 @@ TEST(Package, WithDamageAndACorrectHashIsRefusedOrRead) {
   EXPECT_GT(read, 50);
 }
 
-/// Counts how often the lists of a structure name each place in it.
-template <class T, class Lists = T>
-void expect_each_member_once() {
-  static_assert(std::is_aggregate_v<T>, "so that its members are counted");
-  T value{};
-  std::multiset<const void*> named;
-  const auto name = [&](const auto&... members) { (named.insert(&members), ...); };
-  Lists::fields(value, name);
-  if constexpr (requires { Lists::left_out(value, name); }) Lists::left_out(value, name);
-  EXPECT_EQ(std::set<const void*>(named.begin(), named.end()).size(), named.size()) << typeid(T).name();
-}
-template <class... T>
-void expect_each_member_of_each_once() {
-  (expect_each_member_once<T>(), ...);
-}
-
 // That they are as many as the members is checked by the compiler.
 TEST(Package, ListsEachMemberOnce) {
-  expect_each_member_of_each_once<
+  testing::expect_each_member_once<
       Inertia, Pose, robot::Joint, robot::Mimic, robot::Body, robot::Frame, robot::RobotModel, scene::Material, scene::Shape,
       scene::Body, scene::Joint, scene::Gear, scene::Frame, scene::Scene, scene::PlacedRobot, scene::Cell, Package, Numeric,
       Clock, Dimension, Alias, ModelVariable, EnumerationItem, TypeDefinition, DisplayUnit, UnitDefinition, MeasurementUnit,

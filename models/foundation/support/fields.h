@@ -1,4 +1,5 @@
 #pragma once
+#include <algorithm>
 #include <concepts>
 #include <cstddef>
 #include <cstdint>
@@ -38,15 +39,15 @@ concept Is = std::same_as<std::remove_const_t<T>, Structure>;
 
 namespace listed {
 
+/// A value of any type but S and its bases, so that members of a base count one by one.
+template <class S, std::size_t>
 struct Anything {
   template <class T>
-  operator T() const;
+  requires(!std::is_base_of_v<T, S>) operator T() const;
 };
-template <std::size_t>
-using AnythingAt = Anything;
-template <class T, std::size_t... I>
+template <class S, std::size_t... I>
 consteval bool takes(std::index_sequence<I...>) {
-  return requires { T{AnythingAt<I>{}...}; };
+  return requires { S{Anything<S, I>{}...}; };
 }
 /// The number of members of an aggregate is the largest number of values from which it can be made.
 template <class T, std::size_t count>
@@ -70,8 +71,12 @@ consteval std::size_t members_in() {
   return count;
 }
 
+/// The types whose width is the same on every platform, unlike that of long.
+template <class T, class... Numbers>
+concept OneOf = (std::same_as<T, Numbers> || ...);
 template <class T>
-concept Number = std::is_arithmetic_v<T> && sizeof(T) <= sizeof(std::uint64_t);
+concept Number = OneOf<T, std::int8_t, std::uint8_t, std::int16_t, std::uint16_t, std::int32_t, std::uint32_t, std::int64_t,
+                       std::uint64_t, float, double>;
 template <class T>
 concept Matrix = int{T::SizeAtCompileTime} >= 0;
 template <class T>
@@ -99,7 +104,7 @@ void each_field(T& value, auto each) {
   using Structure = std::remove_const_t<T>;
   using Lists = ListsOf<Own, Structure>;
   static_assert(!std::is_aggregate_v<Structure> || has_members<Structure, members_in<Lists, Structure>()>,
-                "a member is in none of the lists of its structure, or in two");
+                "the lists of a structure do not have as many members as it has");
   Lists::fields(value, each);
 }
 
@@ -149,13 +154,13 @@ class Putter {
   ByteWriter& out_;
 };
 
-/// The smallest number of bytes of a T: with empty texts and lists, without optional values.
+/// The smallest number of bytes of a T, at least 1: with empty texts and lists, without optional values.
 template <class T, class Own = NoLists>
 std::size_t least_bytes() {
   static const std::size_t bytes = [] {
     ByteWriter least;
     Putter<Own>(least).put(T{});
-    return least.bytes().size();
+    return std::max<std::size_t>(least.bytes().size(), 1);
   }();
   return bytes;
 }

@@ -293,6 +293,7 @@ TEST_F(Durable, RefusesToGoOnWithAnotherScenarioProgramOrMachine) {
   expect_refused_after([](RunCheckpoint& c) { c.build.version = "0.0.1"; }, "was written by cotwin 0.0.1");
   expect_refused_after([](RunCheckpoint& c) { c.build.file ^= 1; }, "expected the same program");
   expect_refused_after([](RunCheckpoint& c) { c.build.cpu = "abacus"; }, "with the instruction set abacus");
+  expect_refused_after([](RunCheckpoint& c) { c.models ^= 1; }, "or a file that it names has changed");
   expect_refused_after([](RunCheckpoint& c) { c.command = "[1"; }, "its options cannot be read");
   expect_refused_after([](RunCheckpoint& c) { c.folder = "/nowhere/at/all"; }, "/nowhere/at/all");
   cotwin::write_file(file, "CTWRUN3\nnonsense");

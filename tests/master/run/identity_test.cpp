@@ -6,7 +6,10 @@
 #include <algorithm>
 #include <functional>
 
+#include "components/robot_files/robot_files.h"
+#include "master/run/checkpoint.h"
 #include "tests/support/files.h"
+#include "tests/support/listed_once.h"
 
 namespace cotwin::master::identity_test {
 namespace {
@@ -164,6 +167,27 @@ TEST(Identity, DependsOnTheFilesThatAreNamedAndNotOnTheirFolder) {
     one.second(without, file);
     EXPECT_NE(hash_of(without), hash) << what;
   }
+}
+
+TEST(Identity, DependsOnWhatUnitsHaveRead) {
+  const auto hash_with = [](double x) {
+    FileStore models;
+    models.get<FoundCell>(std::string(kCellKey) + "scene.sdf", [&] {
+      FoundCell found;
+      found.cell.scene.bodies.emplace_back().shapes.emplace_back().vertices = {{x, 0, 0}};  // of a mesh
+      return found;
+    });
+    return hash_of(models);
+  };
+  EXPECT_EQ(hash_with(1), hash_with(1));
+  EXPECT_NE(hash_with(1), hash_with(2));
+}
+
+TEST(Identity, ListsEachMemberOnce) {
+  testing::expect_each_member_once<Scenario, ComponentSpec, Port, ConnectionSpec, EventSpec, ToolSpec, ToolSpec::Frame,
+                                   RecordSpec, NestedSetting, ComparisonSpec, BondSpec, ReportSpec, Build, RunState,
+                                   RunCheckpoint, Recorder::Kept, Events::State, Events::Ramp, LoopCounts, bus::LiveRun::Value,
+                                   bus::LiveRun::Deed, GivenStart, Time, Duration>();
 }
 
 }  // namespace

@@ -95,6 +95,11 @@ struct Forgetful {
 };
 static_assert(listed::has_members<Forgetful, 3> && !listed::has_members<Forgetful, 2> && !listed::has_members<Forgetful, 4>);
 static_assert(listed::members_in<Forgetful, Forgetful>() == 2, "so that it cannot be written");
+struct Based : Point {
+  int d = 0;
+};
+static_assert(listed::has_members<Based, 3> && !listed::has_members<Based, 2>, "members of a base count one by one");
+static_assert(!listed::Number<wchar_t> && !listed::Number<long double>, "whose width depends on the platform");
 static_assert(listed::has_members<Everything, listed::members_in<Everything, Everything>()>);
 static_assert(listed::members_in<Everything, Everything>() == 26 && listed::members_in<Colours, Point>() == 2);
 
@@ -162,6 +167,11 @@ TEST(Fields, HaveTheSameWidthOnEveryPlatform) {
                      {written(Point{}), 25}};
   for (const auto& c : cases) EXPECT_EQ(c.bytes.size(), c.width);
   EXPECT_EQ(written(std::vector<int>{1, -2}), std::string("\2\0\0\0\0\0\0\0\1\0\0\0\xfe\xff\xff\xff", 16));
+}
+
+TEST(Fields, ReadItemsWithoutBytes) {
+  EXPECT_EQ(read<std::vector<std::monostate>>(with_count(0)).size(), 0u);
+  EXPECT_EQ(refusal<std::vector<std::monostate>>(with_count(1)), "here: is damaged or cut short");
 }
 
 TEST(Fields, TakeTheListsOfAnotherUse) {

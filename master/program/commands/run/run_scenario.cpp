@@ -287,16 +287,20 @@ int run_scenario(RunArguments arguments) {
   if (!arguments.resume.empty()) earlier = resume(arguments, build);
   Scenario scenario = read_scenario(arguments);
   const std::uint64_t hash = hash_of(scenario), files = hash_of(load_scenario(arguments.file));
-  if (earlier && earlier->scenario != hash)
-    throw Error(
-        (arguments.out / ResultsFolder::kCheckpoint).string(),
-        "belongs to another scenario: " + arguments.file.string() + " or a file that it names has changed, expected the same");
+  const auto expect_same = [&](bool same) {
+    if (!same)
+      throw Error((arguments.out / ResultsFolder::kCheckpoint).string(),
+                  "belongs to another scenario: " + arguments.file.string() +
+                      " or a file that it names has changed, expected the same");
+  };
+  expect_same(!earlier || earlier->scenario == hash);
   const fs::path shown = arguments.out.empty() ? fs::path("results") / file_name_of(scenario.name) : arguments.out;
   const fs::path here = fs::current_path(), out = here / shown;  // an FMU may call chdir()
   if (const std::optional<int> code = watch(scenario, arguments, out, shown)) return *code;
   MasterOptions options;
   options.types = units();
   options.folders = model_folders(scenario.folder);
+  const auto store = options.models = std::make_shared<FileStore>();
   options.results = out;
   options.view_data = !arguments.no_view_data && !arguments.plain;
   options.joint_names = arguments.joint_names;
@@ -342,6 +346,8 @@ int run_scenario(RunArguments arguments) {
               << "; the recording is closed, Ctrl-C ends now\n";
   };
   master.emplace(std::move(scenario), std::move(options));
+  const std::uint64_t models = hash_of(*store);
+  expect_same(!earlier || earlier->models == models);
   Warnings warnings;
   warnings.print(master->warnings());
   master->initialise();
@@ -358,7 +364,7 @@ int run_scenario(RunArguments arguments) {
     CheckpointWriter::Options writing;
     writing.file = out / ResultsFolder::kCheckpoint;
     writing.every = std::chrono::duration<double>(arguments.checkpoint);
-    writing.head = {build, hash, options_of(arguments), here.string(), {}};
+    writing.head = {build, hash, options_of(arguments), here.string(), {}, models};
     writing.sync_recording = [&](RunState& state) { return master->sync_recording(state); };
     writing.due = [] { attention |= kCheckpointDue; };
     checkpoints.emplace(*master, std::move(writing));
