@@ -86,11 +86,7 @@ scene::PlacedRobot read_robot(const RobotRequest& request, const std::string& to
 }  // namespace
 
 scene::Cell Settings::cell() {
-  fs::path scene_file;
-  if (const std::string name = text("scene"); name != "none" && !name.empty()) {
-    const bool is_path = name.find('/') != std::string::npos || fs::path(name).has_extension();
-    scene_file = file(is_path ? name : "scenes/" + name + "/scene.sdf", " (another scene: --set scene=PATH.sdf)");
-  }
+  const fs::path scene_file = this->scene_file();
   const std::string tools = text("tools"), reaction = choice("unphysical");
   std::vector<RobotRequest> requests;
   std::string key = kCellKey + text::joined({scene_file.string(), tools, reaction}, "\n");

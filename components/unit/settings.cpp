@@ -175,6 +175,13 @@ fs::path Settings::file(const std::string& name, const std::string& hint) const 
   throw Error("unit:" + unit_, "no file " + name + hint + "; looked for" + lines);
 }
 
+fs::path Settings::scene_file() {
+  const std::string name = text("scene");
+  if (name == "none" || name.empty()) return {};
+  const bool is_path = name.find('/') != std::string::npos || fs::path(name).has_extension();
+  return file(is_path ? name : "scenes/" + name + "/scene.sdf", " (another scene: --set scene=PATH.sdf)");
+}
+
 fs::path Settings::data_file(const std::string& name) {
   const fs::path found = file(name);
   data_files_.push_back({name, found});

@@ -84,6 +84,8 @@ class Settings {
   /// The file `name`: absolute, or relative to the first folder that has it. Throws Error as above, with `hint` after the name
   /// of the file.
   std::filesystem::path file(const std::string& name, const std::string& hint = "") const;
+  /// The file of the setting `scene`; empty for none. Throws Error as above.
+  std::filesystem::path scene_file();
 
   /// The same for a file that is the value of a setting, or part of it, after a comma or a colon, as in slaves=EK1100,door:EL1004.bin. An
   /// exported unit takes it along.

@@ -2,13 +2,9 @@
 
 #include <algorithm>
 #include <array>
-#include <functional>
 #include <numeric>
-#include <sstream>
 #include <string_view>
 #include <utility>
-
-#include <Eigen/Geometry>
 
 #include "components/unit/settings.h"
 #include "master/engine/tools.h"
@@ -31,14 +27,25 @@ constexpr std::array<std::string_view, 3> kDesired = {"q_d", "dq_d", "ddq_d"};
 /// A component, or one of the robots of a contact world.
 struct Node {
   std::string component, prefix;  // "world", "world.left."
-  std::string robot;              // "left"; "" for a single robot
+  std::string robot, of;          // "left", "left."; "" for a single robot
   std::size_t model = 0;
-  bool in_world = false;
-  bool placed = false;  // a robot of a monitor or scanner, or one that floats
+  /// Who says where its base is, in the order in which they count.
+  enum class Place { kWorld, kItself, kMonitor, kScanner, kNowhere } place = Place::kNowhere;
+  bool floats = false;
 };
 
 bool without_element(std::string_view variable, std::string_view name) {
   return variable == name || (variable.starts_with(name) && variable.size() > name.size() && variable[name.size()] == '[');
+}
+
+/// `name`: the variable of the signal, of kPositions.
+void add_track(StagedRobot& robot, std::string_view name, const std::string& signal) {
+  using Role = StagedTrack::Role;
+  const Role role = robot.tracks.empty() ? Role::kMain
+                    : name == "q_d"      ? Role::kDesired
+                    : name == "q_c"      ? Role::kCompliant
+                                         : Role::kOther;
+  robot.tracks.push_back({role, signal, {}});
 }
 
 /// Disjoint sets of nodes.
@@ -58,8 +65,14 @@ class Groups {
 class Builder {
  public:
   Builder(const Scenario& scenario, const Recorded& recorded, std::span<const UnitType> types,
-          const std::vector<fs::path>& folders)
-      : scenario_(scenario), recorded_(recorded), types_(types), folders_(folders) {}
+          const std::vector<fs::path>& folders, const StartValues& values, const std::shared_ptr<FileStore>& models)
+      : scenario_(scenario),
+        recorded_(recorded),
+        types_(types),
+        folders_(folders),
+        values_(values ? values : values_of_texts(scenario)),
+        strict_(values != nullptr),
+        models_(models) {}
 
   Scenery build();
 
@@ -69,7 +82,9 @@ class Builder {
   bool only_watches(const ComponentSpec& component) const {
     return has_setting(component.source, "ignore", types_) || has_setting(component.source, "beams", types_);
   }
-  void add_cell(const ComponentSpec& component, Settings& settings);
+  void add_cell(const ComponentSpec& component, Settings& settings, bool floats);
+  void add_bodies(const ComponentSpec& component, const scene::Scene& scene, const fs::path& file,
+                  const std::string& obstacles);
   std::size_t add_model(robot::RobotModel model, const fs::path& urdf);
   /// The node that has the variable, or nodes_.size().
   std::size_t node_of(const Port& port, std::string_view* variable) const;
@@ -81,9 +96,7 @@ class Builder {
   bool recorded_positions(const std::string& signal, std::size_t model) const;
   /// Whether the positions come from another recorded signal by a connection.
   bool is_copy(const Node& node) const;
-  /// The start pose that the scenario gives by the parameters `prefix`p0 and `prefix`quat0, if any. `start`: "0"; "" for p and quat.
-  void read_pose(const std::string& component, const std::string& prefix, const char* start, Pose& X_WB) const;
-  void place(StagedRobot& robot, const Node& node) const;
+  void place(StagedRobot& robot, const Node& node);
   void add_tools(StagedRobot& robot, const std::vector<std::size_t>& members);
   /// Whether positions of another number of joints were recorded; then with a remark.
   bool tell_of_other_joints(const StagedRobot& robot);
@@ -92,6 +105,9 @@ class Builder {
   const Recorded& recorded_;
   const std::span<const UnitType> types_;
   const std::vector<fs::path>& folders_;
+  const StartValues values_;
+  const bool strict_;
+  const std::shared_ptr<FileStore>& models_;
   std::vector<Node> nodes_;
   Scenery stage_;
 };
@@ -104,44 +120,69 @@ std::size_t Builder::add_model(robot::RobotModel model, const fs::path& urdf) {
   return stage_.models.size() - 1;
 }
 
-void Builder::add_cell(const ComponentSpec& component, Settings& settings) {
+void Builder::add_cell(const ComponentSpec& component, Settings& settings, bool floats) {
   const scene::Cell cell = settings.cell();
   const bool monitors = has_setting(component.source, "ignore", types_), watches = only_watches(component);
+  const Node::Place place = !watches ? Node::Place::kWorld : monitors ? Node::Place::kMonitor : Node::Place::kScanner;
   if (!watches) stage_.worlds.push_back(component.name);
+  stage_.cells.push_back({component.name, monitors ? settings.text("ignore") : "", settings.cell_used()});
   const std::vector<fs::path> files = settings.robot_files();
   for (std::size_t i = 0; i < cell.robots.size(); ++i) {
     const scene::PlacedRobot& placed = cell.robots[i];
-    const std::string prefix = component.name + "." + (placed.name.empty() ? "" : placed.name + ".");
-    nodes_.push_back({component.name, prefix, placed.name, add_model(placed.model, i < files.size() ? files[i] : fs::path()),
-                      !watches, watches});
+    const std::string of = placed.name.empty() ? "" : text::identifier(placed.name) + ".";
+    const std::string prefix = component.name + "." + of;
+    nodes_.push_back({component.name, prefix, placed.name, of,
+                      add_model(placed.model, i < files.size() ? files[i] : fs::path()), place, floats});
     if (monitors) stage_.monitors.push_back(prefix);
   }
   if (watches && !monitors) stage_.scanners.push_back(component.name + ".");
   if (const std::string cloud = monitors ? settings.text("cloud") : ""; !cloud.empty()) {
-    stage_.clouds.push_back({component.name, settings.file(cloud), {}});
-    read_pose(component.name, "cloud.", "0", stage_.clouds.back().X_WC);
+    stage_.clouds.push_back({.points = nullptr,
+                             .radius = largest_value(scenario_, values_, component.name, "cloud.r"),
+                             .X_WC = start_pose(values_, component.name, "cloud.", {}).X_W,
+                             .file = fs::weakly_canonical(settings.file(cloud)),
+                             .by = component.name});
+    const collision::PlacedCell::Cloud& made = stage_.clouds.back();
+    stage_.differing.add(made.file.filename().string(), made.file.string(), made.X_WC,
+                         " with balls of " + text::to_text(made.radius) + " m by " + made.by, made.radius);
   }
-  std::vector<std::string> obstacles;
-  const std::string list = monitors ? settings.text("obstacles") : "";
-  for (const std::string_view name : text::split(list, ',')) obstacles.emplace_back(text::trim(name));
-  for (const scene::Body& body : cell.scene.bodies) {
+  if (!cell.scene.bodies.empty())
+    add_bodies(component, cell.scene, fs::weakly_canonical(settings.scene_file()), monitors ? settings.text("obstacles") : "");
+}
+
+void Builder::add_bodies(const ComponentSpec& component, const scene::Scene& scene, const fs::path& file,
+                         const std::string& obstacles) {
+  std::vector<std::string_view> comes = text::split(obstacles, ',');
+  for (std::string_view& name : comes) name = text::trim(name);
+  for (const scene::Body& body : scene.bodies) {
     const std::string id = text::identifier(body.name);
-    const auto known =
-        std::ranges::find_if(stage_.bodies, [&](const StagedBody& other) { return other.body.name == body.name; });
-    StagedBody made{body, component.name + "." + id};
-    made.comes = std::ranges::find(obstacles, body.name) != obstacles.end();
+    StagedBody made{{.body = body, .file = file}, component.name, component.name + "." + id};
+    made.comes = std::ranges::find(comes, body.name) != comes.end();
+    const StartPose start = start_pose(values_, component.name, id + ".", body.X_WB);
+    made.body.X_WB = start.X_W;
+    made.by = differ(start.X_W, body.X_WB) ? component.name : file.filename().string();
+    made.present = start_value(values_, component.name, id + ".present", 1) != 0;
+    made.scale = start_value(values_, component.name, id + ".scale", 1);
+    const std::string of = !made.present ? ", not there" : made.scale != 1 ? ", scaled by " + text::to_text(made.scale) : "";
+    if (!start.fed)
+      stage_.differing.add(body.name, file.string() + "\n" + body.name, start.X_W,
+                           of + (made.by == component.name ? " by " + made.by : " in " + made.by + " of " + component.name),
+                           made.present ? made.scale : 0);
+    for (const ConnectionSpec& connection : scenario_.connections)
+      if (start.fed && connection.to.component == component.name && without_element(connection.to.variable, id + ".p"))
+        made.fed_by = connection.from.component + "." + connection.from.variable.substr(0, connection.from.variable.rfind('.'));
+    made.moves = made.comes || body.motion != scene::Motion::kStatic;
+    made.appears =
+        std::ranges::find(scenario_.events, made.prefix + ".present", &EventSpec::variable) != scenario_.events.end();
     // Monitors and scanners watch bodies of others; obstacles are where their monitor has them.
-    if (known != stage_.bodies.end() && ((watches && !made.comes) || known->comes)) continue;
-    read_pose(component.name, id + ".", made.comes ? "" : "0", made.body.X_WB);
-    if (made.comes) {
-      made.present = given_numbers(scenario_, component.name, id + ".present", {1}).front();
-      made.scale = given_numbers(scenario_, component.name, id + ".scale", {1}).front();
+    const auto known = std::ranges::find_if(stage_.bodies, [&](const StagedBody& other) {
+      return other.shown && other.file == file && other.body.name == body.name;
+    });
+    if (known != stage_.bodies.end()) {
+      made.shown = !known->comes && (made.comes || !only_watches(component));
+      known->shown = !(made.shown && made.comes);
     }
-    if (!made.comes || known == stage_.bodies.end()) {
-      stage_.bodies.push_back(std::move(made));
-    } else {
-      *known = std::move(made);
-    }
+    stage_.bodies.push_back(std::move(made));
   }
 }
 
@@ -151,18 +192,21 @@ void Builder::take(const ComponentSpec& component) {
   const UnitType& type = find_type(source.unit, types_);
   const bool has_cell = has_setting(component.source, "scene", types_) && has_setting(component.source, "robots", types_);
   if (!has_cell && !has_setting(component.source, "robot", types_)) return;
-  Settings settings(source.unit, source.query, settings_for(scenario_, component.name), folders_);
+  Settings settings(source.unit, source.query, settings_for(scenario_, component.name), folders_, models_);
   settings.declare(settings_of(type));
+  const bool floats = has_setting(component.source, "base", types_) && settings.choice("base") == "floating";
   if (has_cell) {
-    add_cell(component, settings);
+    add_cell(component, settings, floats);
     return;
   }
   if (const std::string name = settings.given("robot").value_or(""); name.empty() || name == "none") return;
   robot::RobotModel model = settings.robot(Settings::Masses::kUnused);
   const fs::path urdf = settings.robot_files().empty() ? fs::path() : settings.robot_files().front();
   const std::string prefix = component.name + ".";
-  const bool floats = recorded_.find(prefix + "base_p") != nullptr && recorded_.find(prefix + "base_quat") != nullptr;
-  nodes_.push_back({component.name, prefix, "", add_model(std::move(model), urdf), false, floats});
+  const bool is_recorded = recorded_.find(prefix + "base_p") != nullptr && recorded_.find(prefix + "base_quat") != nullptr;
+  const bool placed = is_recorded || (floats && !values_(component.name, "base_p0", {}).empty());
+  nodes_.push_back({component.name, prefix, "", "", add_model(std::move(model), urdf),
+                    placed ? Node::Place::kItself : Node::Place::kNowhere, floats});
 }
 
 std::size_t Builder::node_of(const Port& port, std::string_view* variable) const {
@@ -205,7 +249,6 @@ bool Builder::is_copy(const Node& node) const {
 
 void Builder::add_tracks(StagedRobot& robot, const std::vector<std::size_t>& members,
                          const std::vector<std::size_t>& desired) const {
-  using Role = StagedTrack::Role;
   const auto is_known = [&](const std::string& signal) {
     return std::ranges::any_of(robot.tracks, [&](const StagedTrack& track) { return track.signal == signal; });
   };
@@ -217,30 +260,21 @@ void Builder::add_tracks(StagedRobot& robot, const std::vector<std::size_t>& mem
       const std::string signal = nodes_[i].prefix + std::string(name);
       if (!recorded_positions(signal, robot.model) || is_known(signal)) continue;
       if (measured && is_copy(nodes_[i])) continue;
-      const Role role = robot.tracks.empty() ? Role::kMain
-                        : name == "q_d"      ? Role::kDesired
-                        : name == "q_c"      ? Role::kCompliant
-                                             : Role::kOther;
-      robot.tracks.push_back({role, signal, {}});
+      add_track(robot, name, signal);
     }
   }
 }
 
-void Builder::read_pose(const std::string& component, const std::string& prefix, const char* start, Pose& X_WB) const {
-  const Eigen::Quaterniond Q(X_WB.R);
-  const std::vector<double> p = given_numbers(scenario_, component, prefix + "p" + start, {X_WB.p.x(), X_WB.p.y(), X_WB.p.z()});
-  const std::vector<double> quat = given_numbers(scenario_, component, prefix + "quat" + start, {Q.w(), Q.x(), Q.y(), Q.z()});
-  if (p.size() == 3) X_WB.p = {p[0], p[1], p[2]};
-  if (quat.size() == 4 && Eigen::Map<const Eigen::Vector4d>(quat.data()).norm() > 0.5)
-    X_WB.R = Eigen::Quaterniond(quat[0], quat[1], quat[2], quat[3]).normalized().toRotationMatrix();
-}
-
-void Builder::place(StagedRobot& robot, const Node& node) const {
-  robot.in_world = true;
-  const std::string prefix = node.robot.empty() ? "" : node.robot + ".";
-  read_pose(node.component, prefix + "base_", "0", robot.base.X_WB);
-  robot.base.p = node.prefix + "base_p";
-  robot.base.quat = node.prefix + "base_quat";
+/// The first one that knows counts.
+void Builder::place(StagedRobot& robot, const Node& node) {
+  const StartPose start = start_pose(values_, node.component, node.of + "base_", {});
+  const std::string by = node.prefix.substr(0, node.prefix.size() - 1);
+  if (!start.fed) stage_.differing.add("the base of " + robot.name, "robot " + robot.name, start.X_W, " by " + by);
+  if (!robot.by.empty() && (!robot.fed || start.fed)) return;
+  if (robot.by.empty()) robot.base = {{}, node.prefix + "base_p", node.prefix + "base_quat"};
+  robot.by = by;
+  robot.fed = start.fed;
+  robot.base.X_WB = start.X_W;
 }
 
 /// An event of a tool without `components` and `robot` means all robots that it can be mounted on.
@@ -314,28 +348,32 @@ void Builder::group() {
       if (groups.find(follower) == root && groups.find(source) != root) sources.push_back(source);
       is_source = is_source || (groups.find(source) == root && groups.find(follower) != root);
     }
-    if (is_source && of_group.size() == 1 && !nodes_[of_group.front()].in_world) continue;  // shown with those that follow it
+    if (is_source && of_group.size() == 1 && nodes_[of_group.front()].place != Node::Place::kWorld)
+      continue;  // shown with those that follow it
     StagedRobot robot;
     robot.model = nodes_[root].model;
     robot.name = nodes_[root].component + (nodes_[root].robot.empty() ? "" : "." + nodes_[root].robot);
     for (const std::size_t i : of_group) {
       robot.prefixes.push_back(nodes_[i].prefix);
       robot.components.push_back(nodes_[i].component);
-      if (nodes_[i].in_world) place(robot, nodes_[i]);
+      robot.floats = robot.floats || nodes_[i].floats;
     }
-    for (const std::size_t i : of_group) {
-      if (nodes_[i].placed && !robot.in_world) place(robot, nodes_[i]);
-    }
+    using Place = Node::Place;
+    for (const Place place_by : {Place::kWorld, Place::kItself, Place::kMonitor, Place::kScanner})
+      for (const std::size_t i : of_group)
+        if (nodes_[i].place == place_by) place(robot, nodes_[i]);
     add_tracks(robot, of_group, sources);
     if (!robot.tracks.empty()) robot.name = robot.tracks.front().signal.substr(0, robot.tracks.front().signal.rfind('.'));
     for (const std::size_t i : of_group) {
       const bool leads = !robot.tracks.empty() && robot.tracks.front().signal.starts_with(nodes_[i].prefix);
-      if (nodes_[i].in_world || (leads && !robot.in_world)) robot.model = nodes_[i].model;
+      if (nodes_[i].place == Place::kWorld || (leads && robot.by.empty())) robot.model = nodes_[i].model;
     }
     const auto n = static_cast<std::size_t>(stage_.models[robot.model].model->n());
     for (const std::size_t i : of_group) {
-      std::vector<double> q0 = given_numbers(scenario_, nodes_[i].component,
-                                             (nodes_[i].robot.empty() ? "" : nodes_[i].robot + ".") + std::string("q0"));
+      const auto ask = [&](const char* name, std::vector<double> otherwise) {
+        return values_(nodes_[i].component, nodes_[i].of + name, std::move(otherwise));
+      };
+      std::vector<double> q0 = ask("q0", ask("q", {}));
       if (q0.size() == n && robot.q0.empty()) robot.q0 = std::move(q0);
     }
     for (std::size_t j = robot.q0.size(); j < n; ++j)
@@ -345,7 +383,7 @@ void Builder::group() {
       stage_.robots.push_back(std::move(robot));
       continue;
     }
-    if (robot.tracks.empty() && !robot.in_world && of_group.size() == 1)
+    if (robot.tracks.empty() && robot.by.empty() && of_group.size() == 1)
       continue;  // only names and limits of the robot are used
     if (robot.tracks.empty()) {
       std::string wanted;
@@ -391,7 +429,7 @@ void Builder::make_ghosts() {
 void spread(Scenery& stage) {
   double y = 0;
   std::size_t count = 0;
-  if (std::ranges::any_of(stage.robots, [](const StagedRobot& robot) { return robot.in_world; })) return;
+  if (std::ranges::any_of(stage.robots, [](const StagedRobot& robot) { return !robot.by.empty(); })) return;
   for (StagedRobot& robot : stage.robots) {
     double reach = 0.5;
     for (const robot::Joint& joint : stage.models[robot.model].model->joints) reach += joint.X_PJ.p.norm();
@@ -403,15 +441,17 @@ void spread(Scenery& stage) {
 }
 
 Scenery Builder::build() {
-  // Monitors and scanners come last: their scene may be that of a contact world.
+  // Contact worlds, then monitors, then scanners: their scene may be that of another one.
   std::vector<const ComponentSpec*> components;
   for (const ComponentSpec& component : scenario_.components) components.push_back(&component);
-  std::stable_partition(components.begin(), components.end(),
-                        [&](const ComponentSpec* component) { return !is_unit(*component) || !only_watches(*component); });
+  std::ranges::stable_sort(components, {}, [&](const ComponentSpec* component) {
+    return !is_unit(*component) || !only_watches(*component) ? 0 : has_setting(component->source, "ignore", types_) ? 1 : 2;
+  });
   for (const ComponentSpec* component : components) {
     try {
       take(*component);
     } catch (const Error& error) {
+      if (strict_) throw;
       stage_.remarks.push_back(component->name + " is not shown: " + error.what());
     }
   }
@@ -423,43 +463,16 @@ Scenery Builder::build() {
 
 }  // namespace
 
-std::vector<double> given_numbers(const Scenario& scenario, const std::string& component, const std::string& parameter,
-                                  std::vector<double> numbers) {
-  for (const ComponentSpec& spec : scenario.components) {
-    if (spec.name != component) continue;
-    for (const ParameterValue& value : spec.start_values) {
-      if (!without_element(value.name, parameter)) continue;
-      std::vector<double> given;
-      if (const double* real = std::get_if<double>(&value.value)) given.push_back(*real);
-      if (const std::int64_t* whole = std::get_if<std::int64_t>(&value.value)) given.push_back(static_cast<double>(*whole));
-      if (const std::string* list = std::get_if<std::string>(&value.value)) {
-        std::string words = *list;
-        std::replace(words.begin(), words.end(), ',', ' ');
-        std::istringstream in(words);
-        for (std::string word; in >> word;) {
-          if (const std::optional<double> x = text::parse_real(word)) given.push_back(*x);
-        }
-      }
-      if (value.name == parameter) numbers = given;
-      for (std::size_t i = 0; i < numbers.size() && given.size() == 1; ++i) {
-        if (value.name == parameter + "[" + std::to_string(i + 1) + "]") numbers[i] = given[0];
-      }
-    }
-  }
-  return numbers;
-}
-
 bool is_of_ghost(const Scenery& stage, std::string_view variable) {
   return std::ranges::any_of(stage.ghosts, [&](const std::string& world) { return variable.starts_with(world + "."); });
 }
 
 Scenery scenery_of(const Scenario& scenario, const Recorded& recorded, std::span<const UnitType> types,
-                   const std::vector<fs::path>& folders) {
-  return Builder(scenario, recorded, types, folders).build();
+                   const std::vector<fs::path>& folders, const StartValues& values, const std::shared_ptr<FileStore>& models) {
+  return Builder(scenario, recorded, types, folders, values, models).build();
 }
 
 Scenery scenery_of(const StagedModel& model, const Recorded& recorded) {
-  using Role = StagedTrack::Role;
   Scenery stage;
   stage.models.push_back(model);
   StagedRobot robot;
@@ -470,11 +483,7 @@ Scenery scenery_of(const StagedModel& model, const Recorded& recorded) {
     for (const RecordedSignal& signal : recorded.signals) {
       const bool fits = signal.name == name || signal.name.ends_with("." + std::string(name));
       if (!fits || signal.count != n) continue;
-      const Role role = robot.tracks.empty() ? Role::kMain
-                        : name == "q_d"      ? Role::kDesired
-                        : name == "q_c"      ? Role::kCompliant
-                                             : Role::kOther;
-      robot.tracks.push_back({role, signal.name, {}});
+      add_track(robot, name, signal.name);
       robot.prefixes.push_back(signal.name.substr(0, signal.name.size() - name.size()));
       std::string component = robot.prefixes.back();
       if (component.ends_with('.')) component.pop_back();

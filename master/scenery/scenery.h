@@ -10,6 +10,7 @@
 
 #include "components/unit/unit_table.h"
 #include "master/scenario/scenario.h"
+#include "master/scenery/cell_of.h"
 #include "master/scenery/recorded.h"
 #include "models/mechanics/inertia.h"
 #include "models/robot/robot_model.h"
@@ -59,29 +60,34 @@ struct StagedRobot {
   std::vector<StagedTrack> tracks;      // the main one first
   std::vector<StagedTool> tools;        // in the order of their events
   StagedBase base;
-  bool in_world = false;   // its base has a place: in a contact world, before a monitor or scanner, or floating
+  std::string by;          // who places its base: "world", "monitor.left"; "": nobody
+  bool fed = false;        // a connection moves the base from the start on
+  bool floats = false;     // its base moves
   std::vector<double> q0;  // n
 };
 
-struct StagedBody {
-  scene::Body body;
-  std::string prefix;             // of its variables: "world.block"
+/// A body of a component.
+struct StagedBody : collision::PlacedCell::Body {
+  std::string component, prefix;  // of its variables: "world.block"
   bool comes = false;             // an obstacle of a monitor
-  double present = 1, scale = 1;  // of an obstacle, at the start
+  bool appears = false;           // by an event
+  std::string fed_by = {};        // prefix of the body whose pose a connection gives it from the start on; "": none
+  bool shown = true;              // on a page; others are there as those of another component
 };
 
-/// The point cloud of a monitor.
-struct StagedCloud {
-  std::string name;  // of the monitor
-  std::filesystem::path file;
-  Pose X_WC;
+/// A component with a scene, a cloud or robots in it.
+struct StagedCell {
+  std::string component, ignore;
+  std::shared_ptr<const scene::Cell> cell;
 };
 
 struct Scenery {
   std::vector<StagedModel> models;
   std::vector<StagedRobot> robots;
-  std::vector<StagedBody> bodies;
-  std::vector<StagedCloud> clouds;
+  std::vector<StagedCell> cells;
+  std::vector<StagedBody> bodies;                    // of contact worlds, then of monitors, then of scanners
+  std::vector<collision::PlacedCell::Cloud> clouds;  // of monitors, without points
+  Differing differing;
   std::vector<std::string> worlds;    // components with a contact world
   std::set<std::string> ghosts;       // those of which all robots are ghosts of others
   std::vector<std::string> monitors;  // prefixes of the distances of monitors: "monitor.left."
@@ -92,17 +98,13 @@ struct Scenery {
 /// Whether a variable belongs to such a world.
 bool is_of_ghost(const Scenery& stage, std::string_view variable);
 
-/// The stage of a scenario with its recording. Components whose robot or scene cannot be read are left out, with a remark.
+/// The stage of a scenario with its recording. Components whose robot or scene cannot be read are left out, with a remark. Without `values` those of the texts; with them it throws Error instead. `models`: as for Settings.
 Scenery scenery_of(const Scenario& scenario, const Recorded& recorded, std::span<const UnitType> types,
-                   const std::vector<std::filesystem::path>& folders);
+                   const std::vector<std::filesystem::path>& folders, const StartValues& values = {},
+                   const std::shared_ptr<FileStore>& models = nullptr);
 
 /// A stage with one robot whose joints follow all recorded signals with names of positions and as many elements as joints: q, q_d, q_c,
 /// q_link, also after a component's name.
 Scenery scenery_of(const StagedModel& model, const Recorded& recorded);
-
-/// The values of a parameter of a component that the scenario gives, such as "0 0 0.5" as three numbers; `numbers` if it gives none, with the
-/// elements that it gives alone.
-std::vector<double> given_numbers(const Scenario& scenario, const std::string& component, const std::string& parameter,
-                                  std::vector<double> numbers = {});
 
 }  // namespace cotwin::master

@@ -355,8 +355,10 @@ Json Writer::distances_json() const {
     const auto robot = std::ranges::find_if(
         stage_.robots, [&](const StagedRobot& one) { return std::ranges::find(one.prefixes, prefix) != one.prefixes.end(); });
     source["figure"] = robot == stage_.robots.end() ? -1 : robot - stage_.robots.begin();
-    const std::string component = prefix.substr(0, prefix.find('.'));
-    source["r"] = content_.scenario == nullptr ? 0.0 : given_numbers(*content_.scenario, component, "r", {0}).front();
+    const auto cell =
+        std::ranges::find_if(stage_.cells, [&](const StagedCell& one) { return prefix.starts_with(one.component + "."); });
+    source["r"] =
+        content_.scenario == nullptr ? 0.0 : start_value(values_of_texts(*content_.scenario), cell->component, "r", 0);
     const std::string apart_a = prefix + "separation_p_a", apart_b = prefix + "separation_p_b";
     if (is_recorded(apart_a, 3) && is_recorded(apart_b, 3) && is_recorded(prefix + "S_p", 1) && is_recorded(prefix + "zone", 1))
       source["apart"] = {{"p_a", apart_a}, {"p_b", apart_b}, {"S_p", prefix + "S_p"}, {"zone", prefix + "zone"}};
@@ -429,6 +431,7 @@ Json Writer::write() {
   json["bodies"] = Json::array();
   std::string still;
   for (const StagedBody& staged : stage_.bodies) {
+    if (!staged.shown) continue;
     const std::string p = staged.prefix + ".p", quat = staged.prefix + ".quat";
     Json body = {{"name", staged.body.name},
                  {"fixed", staged.body.motion == scene::Motion::kStatic},
@@ -438,7 +441,7 @@ Json Writer::write() {
     body["quat_signal"] = is_recorded(quat, 4) ? quat : "";
     if (staged.comes) {
       const std::string present = staged.prefix + ".present", scale = staged.prefix + ".scale";
-      body["obstacle"] = {{"present", staged.present},
+      body["obstacle"] = {{"present", staged.present ? 1.0 : 0.0},
                           {"present_signal", is_recorded(present, 1) ? present : ""},
                           {"scale", staged.scale},
                           {"scale_signal", is_recorded(scale, 1) ? scale : ""}};
@@ -451,9 +454,9 @@ Json Writer::write() {
   if (!still.empty())
     remarks_.push_back("bodies stand where they were at the start, because their poses are not recorded; record " + still);
   json["clouds"] = Json::array();
-  for (const StagedCloud& staged : stage_.clouds) {
+  for (const collision::PlacedCell::Cloud& staged : stage_.clouds) {
     try {
-      json["clouds"].push_back(cloud_json(staged.name, staged.file, staged.X_WC, packer_, remarks_));
+      json["clouds"].push_back(cloud_json(staged.by, staged.file, staged.X_WC, packer_, remarks_));
     } catch (const Error& error) {
       remarks_.push_back(std::string("a point cloud is left out: ") + error.what());
     }

@@ -367,7 +367,7 @@ ViewSummary write_view(const ViewOptions& options, std::span<const UnitType> typ
   summary.rows = recorded.time.size();
   summary.columns = recorded.columns.size();
   summary.robots = stage.robots.size();
-  summary.bodies = stage.bodies.size();
+  summary.bodies = static_cast<std::size_t>(std::ranges::count(stage.bodies, true, &StagedBody::shown));
   summary.bytes = empty.size() + data.size() + numbers.size();
   return summary;
 }

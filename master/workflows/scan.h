@@ -12,6 +12,7 @@
 #include "master/run/master.h"
 #include "master/scenario/scenario.h"
 #include "models/cloud/tree.h"
+#include "models/collision/cell/placed_cell.h"
 #include "models/mechanics/pose.h"
 #include "models/scene/cell.h"
 
@@ -45,9 +46,10 @@ struct ScanPlan {
   std::string motion;  // the component that goes through them
   std::vector<std::vector<double>> postures;
   std::vector<std::string> skipped, notes;  // sentences
+  std::vector<collision::Place> places;     // what the ways were checked against
 };
 /// Replaces the waypoints of the motion that moves the scanner's robot, its triggers and the stop time. A posture beyond limits of the joints, or to
-/// which the robot would not keep clear, of bodies of the scanner's cell, of `clear_of` (names for surroundings()) and of itself, with its tools, is left out; other robots are
+/// which the robot would not keep clear, of what the scanner and monitors watch, of `clear_of` (names of a CellRequest) and of itself, with its tools, is left out; other robots are
 /// taken to rest. Throws Error, also if no posture is left.
 ScanPlan plan_scan(const Scenario& scenario, const ScannerSite& site, const ScanRequest& request,
                    std::span<const UnitType> types);

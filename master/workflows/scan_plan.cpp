@@ -1,5 +1,4 @@
 // From a scenario with a scanner to one that scans.
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <set>
@@ -25,24 +24,6 @@ namespace fs = std::filesystem;
 
 const ComponentSpec& component_of(const Scenario& scenario, const std::string& name) {
   return *std::ranges::find(scenario.components, name, &ComponentSpec::name);
-}
-
-/// The component with its start values.
-Member loaded(const Scenario& scenario, const std::string& name, std::span<const UnitType> types) {
-  fmu::FmuStore fmus;
-  Member member = load_member(component_of(scenario, name), scenario, types, model_folders(scenario.folder), fmus);
-  apply(start_values(scenario, member), member.variables());
-  return member;
-}
-
-/// The pose of a body or base: its parameters p0, quat0, or the start values of p, quat.
-Pose start_pose(const Variables& v, const std::string& prefix, const std::string& place) {
-  const char* start = v.find(prefix + "p0") != nullptr ? "0" : "";
-  const auto values = [&](const char* name) {
-    const auto reals = v.at(prefix + name + start).reals();
-    return std::vector<double>(reals.begin(), reals.end());
-  };
-  return pose_of(place + "." + prefix + "quat" + start, values("p"), values("quat"));
 }
 
 /// The motion of joints that is the nearest source of the positions of the robot at the scanner.
@@ -121,7 +102,7 @@ ScannerSite site_of(const Scenario& scenario, const std::string& name, std::span
   Settings settings(source.unit, source.query, settings_for(scenario, site.name), model_folders(scenario.folder));
   settings.declare(settings_of(find_type(source.unit, types)));
   site.cell = settings.cell();
-  const Member member = loaded(scenario, site.name, types);
+  const Member member = member_of(scenario, site.name, types, model_folders(scenario.folder));
   const Variables& v = member.variables();
   const std::string frame = settings.text("frame");
   site.frame =
@@ -133,7 +114,9 @@ ScannerSite site_of(const Scenario& scenario, const std::string& name, std::span
   site.floating = settings.choice("base") == "floating";
   site.X_FS = pose_of(site.name + ".mount_quat", {v.at("mount_p").reals().begin(), v.at("mount_p").reals().end()},
                       {v.at("mount_quat").reals().begin(), v.at("mount_quat").reals().end()});
-  for (scene::Body& body : site.cell.scene.bodies) body.X_WB = start_pose(v, text::identifier(body.name) + ".", site.name);
+  site.cell.scene.bodies.clear();
+  for (collision::PlacedCell::Body& one : cell_of(scenario, {.names = {site.name}}, types).cell.bodies)
+    site.cell.scene.bodies.push_back(std::move(one.body));
   return site;
 }
 
@@ -143,15 +126,16 @@ ScanPlan plan_scan(const Scenario& scenario, const ScannerSite& site, const Scan
                           [&](const ConnectionSpec& c) { return c.to.component + "." + c.to.variable == trigger; }))
     throw Error(trigger, "is connected, expected none: the scan triggers its profiles itself");
   const std::string motion = motion_of(scenario, site);
-  ScanPlan plan{scenario, motion, {}, {}, {}};
+  ScanPlan plan{scenario, motion, {}, {}, {}, {}};
   const robot::RobotModel& robot = site.cell.robots[static_cast<std::size_t>(site.frame.robot)].model;
-  Member mover = loaded(scenario, motion, types);
+  Member mover = member_of(scenario, motion, types, model_folders(scenario.folder));
   mover.instance.unit->initialise(scenario.start);
-  Surroundings around = surroundings(r.clear_of, {}, plan.notes);
-  const std::vector<scene::Body>& own = site.cell.scene.bodies;
-  around.scene.bodies.insert(around.scene.bodies.begin(), own.begin(), own.end());
-  LegCheck legs(scenario, motion, around, types);
-  plan.notes.insert(plan.notes.end(), legs.notes().begin(), legs.notes().end());
+  CellRequest request{.names = r.clear_of, .watching = {site.name}, .motions = {{motion, static_cast<std::size_t>(robot.n())}}};
+  for (const ComponentSpec& spec : scenario.components)
+    if (is_unit_of(spec, "monitor")) request.watching.push_back(spec.name);
+  LegCheck legs(scenario, motion, request, types);
+  plan.notes = legs.notes();
+  plan.places = legs.places();
   std::size_t number = 0;
   for (const std::vector<double>& q : wanted_postures(r, mover.variables(), robot)) {
     std::string why = beyond_limits(robot, q);
@@ -196,7 +180,7 @@ ScanPlan plan_scan(const Scenario& scenario, const ScannerSite& site, const Scan
   set_waypoints(plan.scenario, motion + "=" + points, false, types);
   values.push_back({"waypoint_dwell", dwell, "", "scan"});
   plan.scenario.stop = scenario.start + Duration::from_seconds(t + rest);
-  Member through = loaded(plan.scenario, motion, types);
+  Member through = member_of(plan.scenario, motion, types, model_folders(scenario.folder));
   through.instance.unit->initialise(scenario.start);
   if (std::abs(through.variables().at("duration").reals()[0] - (t + rest)) > tick)
     throw Error(motion, "stretches the motion through the postures, expected limits that it keeps, or limits=warn");

@@ -81,12 +81,13 @@ void chain_of_30() {
 /// Random moves of the LWR 4+ among 50 boxes.
 void clearance_among_50() {
   const std::filesystem::path urdf = std::filesystem::path(cotwin::places::source()) / "models/robots/lwr4/robot.urdf";
-  collision::Stand stand{{"", robot::load_urdf(urdf), {}}, {}};
-  stand.robot.shapes = scene::hulls_of_urdf(urdf, stand.robot.model);
-  const std::size_t n = stand.robot.model.joints.size();
+  collision::PlacedCell cell;
+  scene::PlacedRobot& robot = cell.robots.emplace_back().robot;
+  robot.model = robot::load_urdf(urdf);
+  robot.shapes = scene::hulls_of_urdf(urdf, robot.model);
+  const std::size_t n = robot.model.joints.size();
   std::mt19937 random(4);
   const auto real = [&](double low, double high) { return std::uniform_real_distribution<double>(low, high)(random); };
-  scene::Scene cell;
   for (int k = 0; k < 50; ++k) {
     scene::Body box;
     box.name = "box" + std::to_string(k);
@@ -96,9 +97,9 @@ void clearance_among_50() {
     box.shapes.resize(1);
     box.shapes[0].type = scene::ShapeType::kBox;
     box.shapes[0].size = {0.1, 0.15, 0.2};
-    cell.bodies.push_back(box);
+    cell.bodies.push_back({box});
   }
-  collision::Checker checker(cell, {stand}, {0, true, {}});
+  collision::Checker checker(std::move(cell), {0, true});
   std::vector<double> all;
   for (int k = 0; k < benchmark::shortened(200, 3); ++k) {
     std::vector<double> q;

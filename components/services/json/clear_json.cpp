@@ -7,11 +7,14 @@
 
 #include "components/services/json/loads_json.h"
 #include "models/foundation/support/text.h"
+#include "models/mechanics/pose_values.h"
 #include "models/scene/urdf/urdf_shapes.h"
 
 namespace cotwin::services {
 
 namespace {
+
+using collision::PlacedCell;
 
 constexpr std::size_t kMostRobots = 20, kMostTools = 20;
 
@@ -83,14 +86,18 @@ std::vector<collision::Tool> read_tools(const Robot& robot, Reader& r, const Con
   return tools;
 }
 
-collision::Stand stand_of(const Robot& robot, std::string name, const Pose& X_WB, std::vector<std::string>& notes) {
-  collision::Stand stand{{std::move(name), robot.model, {}}, X_WB};
+PlacedCell::Robot placed(const Robot& robot, std::string name, const Pose& X_WB, std::string by,
+                         std::vector<collision::Tool> tools, std::vector<std::string>& notes) {
+  PlacedCell::Robot one{{std::move(name), robot.model, {}}, X_WB, std::move(tools)};
+  one.by = std::move(by);
   if (robot.urdf.empty())
-    stand.robot.shapes.resize(robot.model.bodies.size() + 1);
+    one.robot.shapes.resize(robot.model.bodies.size() + 1);
   else
-    stand.robot.shapes = scene::hulls_of_urdf(robot.urdf, robot.model, &notes);
-  return stand;
+    one.robot.shapes = scene::hulls_of_urdf(robot.urdf, robot.model, &notes);
+  return one;
 }
+
+std::string placed_by(Reader& r) { return r.has("base") ? "request" : ""; }
 
 /// One of the other robots: where it stands, and its posture or motion.
 std::pair<std::string, collision::Motion> read_other(const Robot& robot, Reader& r, Pose& X_WB) {
@@ -115,8 +122,9 @@ std::pair<std::string, collision::Motion> read_other(const Robot& robot, Reader&
   return {std::move(name), std::move(motion)};
 }
 
-collision::PlacedCloud read_cloud(Reader& r, const Context& context, std::vector<std::string>& notes) {
-  collision::PlacedCloud placed;
+PlacedCell::Cloud read_cloud(Reader& r, const Context& context, std::vector<std::string>& notes) {
+  PlacedCell::Cloud placed;
+  placed.by = "request";
   const std::string name = r.text("name", {},
                                   "scenes/NAME/scene.pcd or scenes/NAME.pcd beside the folder with robots; on the command line "
                                   "also a path (.pcd, .ply, .xyz, .csv)");
@@ -141,8 +149,7 @@ collision::PlacedCloud read_cloud(Reader& r, const Context& context, std::vector
 
 std::optional<ClearOf> ClearOf::read(const Robot& robot, Reader& r, const Context& context,
                                      const std::vector<collision::Tool>& carried) {
-  std::vector<collision::Stand> stands;
-  std::vector<collision::PlacedCloud> clouds;
+  PlacedCell cell;
   collision::Options options;
   std::vector<std::pair<std::string, collision::Motion>> others;
   ClearOf clear;
@@ -153,11 +160,11 @@ std::optional<ClearOf> ClearOf::read(const Robot& robot, Reader& r, const Contex
                   "a point cloud beside the scene, or in its place");
     if (const Json* const given = own.any("cloud")) {
       Reader points(*given, own.pointer("cloud"));
-      clouds.push_back(read_cloud(points, context, clear.notes_));
+      cell.clouds.push_back(read_cloud(points, context, clear.notes_));
     }
     options.clearance = clear.clearance_ = own.not_negative("clearance_m", 0, "less than this is not clear");
     options.self = own.boolean("self", false, "links of the robot that are no neighbours must not touch, either");
-    options.ignore = own.texts("ignore", {}, "pairs of links and bodies that do not count: link_5:table");
+    cell.ignore = own.texts("ignore", {}, "pairs of links and bodies that do not count: link_5:table");
     const Pose X_WB = read_base(own, "where the base of the robot stands");
     std::vector<collision::Tool> tools = read_tools(robot, own, context, clear.notes_);
     if (own.describes())
@@ -171,24 +178,22 @@ std::optional<ClearOf> ClearOf::read(const Robot& robot, Reader& r, const Contex
                   false, "other robots");
     const Json* const robots = own.any("robots");
     if (own.describes()) return;
-    if (scene.empty() && clouds.empty() && !robots && !options.self)
+    if (scene.empty() && cell.clouds.empty() && !robots && !options.self)
       throw RequestError(own.pointer("scene"),
                          "is missing, and there are no cloud, no robots and no self, expected one of them");
-    scene::Scene bodies;
     try {
-      if (!scene.empty()) bodies = context.robots->scene(scene, clear.notes_);
+      if (!scene.empty()) cell.add(context.robots->scene(scene, clear.notes_));
     } catch (const Error& error) {
       throw RequestError(own.pointer("scene"), error.what());
     }
-    stands.push_back(stand_of(robot, "", X_WB, clear.notes_));
-    stands.back().tools = std::move(tools);
     for (const collision::Tool& payload : carried) {
-      if (std::ranges::find(stands.back().tools, payload.name, &collision::Tool::name) != stands.back().tools.end())
+      if (std::ranges::find(tools, payload.name, &collision::Tool::name) != tools.end())
         throw RequestError(own.pointer("tools"), "has '" + payload.name + "', which is a payload, too, expected one of them");
-      stands.back().tools.push_back(payload);
+      tools.push_back(payload);
       clear.timed_ = clear.timed_ || payload.from > 0 || payload.until < 1;
     }
-    const std::size_t first = stands.back().tools.size() - carried.size();
+    const std::size_t first = tools.size() - carried.size();
+    cell.robots.push_back(placed(robot, "", X_WB, placed_by(own), std::move(tools), clear.notes_));
     clear.motions_.resize(1);
     if (robots && (!robots->is_array() || robots->size() > kMostRobots))
       throw RequestError(own.pointer("robots"), "is no array of at most " + std::to_string(kMostRobots) + " robots");
@@ -206,23 +211,23 @@ std::optional<ClearOf> ClearOf::read(const Robot& robot, Reader& r, const Contex
       Pose place;
       auto [name, motion] = read_other(*found, other, place);
       tools = read_tools(*found, other, context, clear.notes_);
+      const std::string by = placed_by(other);
       other.finish();
       if (!names.insert(name).second)
         throw RequestError(other.pointer("name"), "'" + name + "' is there twice, expected a name for each robot");
-      stands.push_back(stand_of(*found, name, place, clear.notes_));
-      stands.back().tools = std::move(tools);
+      cell.robots.push_back(placed(*found, name, place, by, std::move(tools), clear.notes_));
       clear.motions_.push_back(std::move(motion));
     }
     own.finish();
-    clear.make_ = [bodies = std::move(bodies), stands = std::move(stands), clouds = std::move(clouds), options, first](
-                      double begin, double T) {
-      std::vector<collision::Stand> timed = stands;
-      for (std::size_t k = first; k < timed.front().tools.size(); ++k) {
-        collision::Tool& payload = timed.front().tools[k];
+    clear.places_ = collision::places(cell);
+    clear.make_ = [cell = std::move(cell), options, first](double begin, double T) {
+      PlacedCell timed = cell;
+      for (std::size_t k = first; k < timed.robots.front().tools.size(); ++k) {
+        collision::Tool& payload = timed.robots.front().tools[k];
         payload.from = payload.from > 0 ? begin + payload.from * T : -scene::kInfinity;
         payload.until = payload.until < 1 ? begin + payload.until * T : scene::kInfinity;
       }
-      return std::make_unique<collision::Checker>(bodies, std::move(timed), options, clouds);
+      return std::make_unique<collision::Checker>(std::move(timed), options);
     };
     try {
       clear.checker_ = clear.make_(clear.begin_, clear.T_);
@@ -270,7 +275,20 @@ Json ClearOf::json(const collision::Verdict& verdict, Json& reply) const {
                {"p_link_m", point(n.p_link)},
                {"p_obstacle_m", point(n.p_other)}};
   add_notes(reply, notes_);
-  return {{"clear", verdict.clear}, {"nearest", nearest}};
+  return {{"clear", verdict.clear}, {"nearest", nearest}, {"places", places_json(places_)}};
+}
+
+Json places_json(const std::vector<collision::Place>& places) {
+  Json all = Json::array();
+  for (const collision::Place& place : places) {
+    const Eigen::Vector3d& p = place.X_W.p;
+    std::vector<double> quat;
+    put_quaternion(place.X_W.R, quat);
+    all.push_back({{"name", place.name}, {"p_m", {p.x(), p.y(), p.z()}}, {"quaternion_wxyz", quat}});
+    if (place.radius > 0) all.back()["radius_m"] = place.radius;
+    all.back()["by"] = place.by.empty() ? Json() : Json(place.by);
+  }
+  return all;
 }
 
 void ClearOf::judge(const trajectory::Path& path, Json& reply, Verdict& verdict) {

@@ -10,6 +10,9 @@
 /// The member clear_of of requests and replies, for the sources of this folder.
 namespace cotwin::services {
 
+/// The member `places` of replies and of summaries: name, p_m, quaternion_wxyz, of a cloud radius_m, and who says so, null: nobody.
+Json places_json(const std::vector<collision::Place>& places);
+
 /// What a motion of the robot is to keep clear of: a scene, other robots, itself.
 class ClearOf {
  public:
@@ -32,6 +35,7 @@ class ClearOf {
   bool timed_ = false;
   std::vector<collision::Motion> motions_;  // that of the robot first
   std::vector<std::string> notes_;
+  std::vector<collision::Place> places_;
 };
 
 }  // namespace cotwin::services

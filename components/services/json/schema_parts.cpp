@@ -123,7 +123,14 @@ Json clear_of() {
                                 .must("p_link_m", kNumbers)
                                 .must("p_obstacle_m", kNumbers)),
                     "not clear: the first time, of a link and what it meets; clear: the least distance; null: there is nothing "
-                    "to meet"));
+                    "to meet"))
+      .must("places",
+            array_of(Object()
+                         .must("name", kText)
+                         .must("p_m", kNumbers)
+                         .must("quaternion_wxyz", kNumbers)
+                         .may("radius_m", kNumber)
+                         .must("by", described({{"type", {"string", "null"}}}, "who places it; null: nobody, so at 0"))));
 }
 
 Json verified() {

@@ -99,10 +99,12 @@ cloud::Cloud read(const CloudArguments& a) {
 cloud::Cloud sampled(const CloudArguments& a) {
   if (!(a.sampling.spacing > 0) || !(a.sampling.sigma >= 0)) throw Error("--spacing", "and --sigma, expected lengths in m");
   std::vector<std::string> notes, left_out;
-  const Surroundings around = surroundings({a.from}, {}, notes);
+  const collision::PlacedCell around = cell_of({a.from}, notes);
   if (!around.clouds.empty())
     throw Error("--from " + a.from, "is a point cloud, expected a scene, or the cloud without --from");
-  cloud::Cloud cloud = cloud::sample(around.scene, a.sampling, left_out);
+  scene::Scene scene;
+  for (const collision::PlacedCell::Body& one : around.bodies) scene.bodies.push_back(one.body);
+  cloud::Cloud cloud = cloud::sample(scene, a.sampling, left_out);
   if (!left_out.empty()) notes.push_back("without planes: " + text::joined(left_out));
   for (const std::string& note : notes) std::cerr << "cotwin: warning: " << note << '\n';
   if (cloud.points.empty())

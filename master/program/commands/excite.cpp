@@ -141,16 +141,25 @@ std::optional<excitation::Design> design_clear(const robot::RobotModel& robot, c
                                                const std::function<excitation::Design()>& search) {
   constexpr int kMostSearches = 20;
   std::vector<std::string> notes;
-  collision::Stand stand{{"", robot, scene::hulls_of_urdf(urdf, robot)}, {}, tools};
+  collision::PlacedCell cell = cell_of(a.clear_of, notes);
+  cell.robots.push_back({{"", robot, scene::hulls_of_urdf(urdf, robot)}, {}, tools});
   if (!a.base.empty()) {
     const auto [name, X_WB] = read_base(a.base);
     if (!name.empty() && name != robot.name) throw Error("--base", "'" + a.base + "' is for another robot than " + robot.name);
-    stand.X_WB = X_WB;
+    cell.robots.back().X_WB = X_WB;
   } else if (!a.clear_of.empty()) {
     notes.push_back("the robot's base is taken to be at the scene's origin; --base says otherwise");
   }
-  const Surroundings around = surroundings(a.clear_of, a.floor, notes);
-  collision::Checker checker(around.scene, {std::move(stand)}, {0, true, {}}, around.clouds);
+  if (a.floor) {
+    scene::Body plane;
+    plane.name = "floor";
+    plane.motion = scene::Motion::kStatic;
+    plane.X_WB.p.z() = *a.floor;
+    plane.shapes.resize(1);
+    plane.shapes.front().type = scene::ShapeType::kPlane;
+    cell.bodies.push_back({std::move(plane)});
+  }
+  collision::Checker checker(std::move(cell), {0, true});
   notes.insert(notes.end(), checker.notes().begin(), checker.notes().end());
   for (const std::string& note : notes) std::cerr << "warning: " << note << '\n';
   a.design.q_min.resize(robot.joints.size(), -scene::kInfinity);

@@ -59,16 +59,16 @@ void add_inspection(CLI::App& app, Chosen& chosen) {
       checked
           ->add_option(
               "--clear-of", *scene,
-              "Also whether the desired motions of joints keep clear of this scene (SDF file, or name of a scene) or point "
-              "cloud (.pcd, .ply, .xyz, .csv), of the other robots and of the robot itself, with the tools that it carries "
-              "then; twice for both")
+              "Also whether the desired motions of joints keep clear of this scene (SDF file, or name of a scene), point cloud "
+              "(.pcd, .ply, .xyz, .csv) or all that this component watches, of the other robots and of the robot itself, with "
+              "the tools that it carries then; may be repeated")
           ->allow_extra_args(false)
-          ->type_name("SCENE");
+          ->type_name("NAME");
   checked
-      ->add_option(
-          "--base", *bases,
-          "Where a robot stands in that scene, m and rad; without it where contact worlds and monitors of the scenario "
-          "have it; may be repeated")
+      ->add_option("--base", *bases,
+                   "Where a robot stands, m and rad; without it where contact worlds, monitors and scanners of the scenario "
+                   "have it; may "
+                   "be repeated")
       ->needs(clear_of)
       ->type_name("'NAME: X Y Z [ROLL PITCH YAW]'");
 }

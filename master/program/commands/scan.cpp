@@ -7,6 +7,7 @@
 #include <optional>
 #include <span>
 
+#include "components/services/json/clear_json.h"
 #include "master/engine/wiring/members.h"
 #include "master/program/commands/commands.h"
 #include "master/program/interrupt.h"
@@ -52,6 +53,7 @@ nlohmann::ordered_json json_of(const ScanPlan& plan, const ProfileTaker& taker, 
       {"points_of_robots", taker.own_points()},
       {"spacing_m", {{"median", figures.spacing.median}, {"most", figures.spacing.most}, {"largest", figures.spacing.largest}}},
       {"distance_from_scene_m", {{"rms", figures.rms}, {"largest", figures.largest}}},
+      {"places", services::places_json(plan.places)},
       {"bodies", bodies},
       {"never_seen", unseen}};
 }
@@ -184,8 +186,9 @@ void add_scan(CLI::App& app, Chosen& chosen) {
                    "The scanner in its frame by which points are placed, m and rad; without it where it is")
       ->type_name("'X Y Z [ROLL PITCH YAW]'");
   command
-      ->add_option("--clear-of", request.clear_of,
-                   "A scene or point cloud of which the robot keeps clear, beside the scanner's own scene")
+      ->add_option(
+          "--clear-of", request.clear_of,
+          "A scene, point cloud or component of whose things the robot keeps clear, beside what scanner and monitors watch")
       ->type_name("NAME")
       ->allow_extra_args(false);
   command->add_option("--set", all->set, "As for cotwin run")->type_name("NAME=VALUE")->allow_extra_args(false);

@@ -65,11 +65,14 @@ Part& Cell::add(const std::string& name, std::shared_ptr<const cloud::Tree> poin
 }
 
 void Cell::add(const scene::Scene& scene) {
-  for (const scene::Body& body : scene.bodies) {
-    Part& part = add(body.name, body.shapes, -1, -1);
-    part.moves = body.motion != scene::Motion::kStatic;
-    place(part, body.X_WB);
-  }
+  for (const scene::Body& body : scene.bodies) add(body);
+}
+
+Part& Cell::add(const scene::Body& body) {
+  Part& part = add(body.name, body.shapes, -1, -1);
+  part.moves = body.motion != scene::Motion::kStatic;
+  place(part, body.X_WB);
+  return part;
 }
 
 std::string Cell::add(const scene::PlacedRobot& robot, bool floats) {
@@ -105,29 +108,35 @@ std::span<Part> Cell::of(int robot) {
   return std::span(parts).subspan(own.first, own.end - own.first);
 }
 
-std::size_t Cell::index_of(const std::string& name) const {
-  const auto found = std::ranges::find(parts, name, &Part::name);
-  if (found != parts.end()) return static_cast<std::size_t>(found - parts.begin());
-  std::vector<std::string> names;
-  for (const Part& part : parts) names.push_back(part.name);
-  const std::string near = text::closest(name, names);
-  throw Error("ignore", "'" + name + "' is no link and no body" + (near.empty() ? "" : ", did you mean '" + near + "'?"));
-}
-
-void Cell::find_pairs(std::span<const std::string> ignore) {
-  std::vector<std::pair<std::size_t, std::size_t>> without;
-  const auto is_known = [this](const std::string& name) { return std::ranges::find(parts, name, &Part::name) != parts.end(); };
+void Cell::find_pairs(std::span<const std::string> ignore, bool checked) {
+  const auto is = [checked](const Part& part, const std::string& name) {
+    return checked && part.robot >= 0 ? part.alias == name : part.name == name;
+  };
+  const auto is_known = [&](const std::string& name) {
+    return std::ranges::any_of(parts, [&](const Part& part) { return is(part, name); });
+  };
+  std::vector<std::pair<std::string, std::string>> without;
   for (const std::string& item : ignore) {
-    const auto [one, other] = two_names(item, is_known);
+    without.push_back(two_names(item, is_known));
+    const auto& [one, other] = without.back();
     if (other.empty()) throw Error("ignore", "'" + item + "', expected two names as in link_5:table");
-    without.emplace_back(std::minmax<std::size_t>(index_of(one), index_of(other)));
+    for (const std::string& name : {one, other}) {
+      if (checked || is_known(name)) continue;
+      std::vector<std::string> names;
+      for (const Part& part : parts) names.push_back(part.name);
+      const std::string near = text::closest(name, names);
+      throw Error("ignore", "'" + name + "' is no link and no body" + (near.empty() ? "" : ", did you mean '" + near + "'?"));
+    }
   }
   for (std::size_t b = 0; b < parts.size(); ++b) {
     for (std::size_t a = 0; a < b && parts[b].robot >= 0; ++a) {
       const Part &one = parts[a], &other = parts[b];
       const bool self = one.robot == other.robot;
       if (one.body.empty() || other.body.empty() || (!one.moves && !other.moves)) continue;
-      if (std::ranges::find(without, std::pair(a, b)) != without.end()) continue;
+      const auto is_named = [&](const auto& names) {
+        return (is(one, names.first) && is(other, names.second)) || (is(one, names.second) && is(other, names.first));
+      };
+      if (std::ranges::any_of(without, is_named)) continue;
       if (self && are_neighbours(model(other.robot), one, other)) continue;
       pairs.push_back({a, b, self, self ? common_of(model(other.robot), one.link, other.link) : -1});
     }

@@ -14,7 +14,8 @@ namespace cotwin::collision {
 
 /// What meets others as one: a body of the scene, a link of a robot, or a tool beside the link that carries it.
 struct Part {
-  std::string name;  // of a robot with a name: "left/link_5"
+  std::string name;        // of a robot with a name: "left/link_5"
+  std::string alias = {};  // in `ignore` that was checked, of a tool that of its link; "": none
   Body body;
   int robot = -1, link = -1;  // number of the robot, −1: a body of the scene; body of its model, −1: the base
   bool tool = false;
@@ -36,6 +37,7 @@ class Cell {
  public:
   /// Adds the bodies of a scene, where they stand there. Before the robots. Throws Error for shapes whose distance is not measured.
   void add(const scene::Scene& scene);
+  Part& add(const scene::Body& body);
   /// Adds a cloud, which stands; `ball`: around each point, m. Before the robots. Throws Error if a body has this name.
   Part& add(const std::string& name, std::shared_ptr<const cloud::Tree> points, double ball);
   /// Adds base and links of a robot, which must outlive the cell. `floats`: its base moves. Returns "no shapes of base, link_1", or "". Throws Error for a
@@ -44,8 +46,9 @@ class Cell {
   /// Adds what a link (−1: the base) of the last robot carries.
   void add_tool(const std::string& name, std::span<const scene::Shape> shapes, int link);
   /// All pairs of which one part moves, except bodies of the scene with one another, links that a joint connects, a tool with its link and with others
-  /// on that link, and what `ignore` names, "link_5:table". Throws Error for unknown names.
-  void find_pairs(std::span<const std::string> ignore);
+  /// on that link, and what `ignore` names, "link_5:table". Throws Error for unknown names. `checked`: by a monitor, whose
+  /// names of links are aliases; unknown ones are passed over.
+  void find_pairs(std::span<const std::string> ignore, bool checked = false);
 
   std::vector<Part> parts;
   std::vector<Pair> pairs;
@@ -80,8 +83,6 @@ class Cell {
   };
   Part& add(const std::string& name, std::span<const scene::Shape> shapes, int robot, int link);
   Part& add(const std::string& name, Body body, int robot, int link);
-  std::size_t index_of(const std::string& name) const;
-
   std::vector<Robot> robots_;
   Finder finder_;
 };

@@ -39,7 +39,7 @@ struct Checker::Impl {
     void find_moved(double from, double to);
   };
 
-  std::vector<Stand> robots;
+  PlacedCell given;
   double clearance;
   std::vector<std::string> notes;
   Cell cell;
@@ -80,15 +80,22 @@ struct Checker::Impl {
     return travel;
   }
 
+  double inflation(const Pair& pair) const { return pair.self ? 0 : given.r * (cell.parts[pair.a].robot < 0 ? 1 : 2); }
+
   Nearest nearest_of(const Pair& pair, double t, const Distance& found) const {
     const Part &a = cell.parts[pair.a], &b = cell.parts[pair.b];
-    return a.robot == 0 ? Nearest{t, found.d, a.name, b.name, found.p_a, found.p_b}
-                        : Nearest{t, found.d, b.name, a.name, found.p_b, found.p_a};
+    const double d = found.d - inflation(pair);
+    const std::string& own = given.robots.front().robot.name;
+    const auto name = [&](const Part& part) {
+      return part.robot == 0 && !own.empty() ? part.name.substr(own.size() + 1) : part.name;
+    };
+    return a.robot == 0 ? Nearest{t, d, name(a), name(b), found.p_a, found.p_b}
+                        : Nearest{t, d, name(b), name(a), found.p_b, found.p_a};
   }
 
   /// The distance at t less the clearance, or a lower bound that is at least `most`.
   double over(const Pair& pair, double t, double most) {
-    const double needed = pair.self ? 0 : clearance;
+    const double needed = pair.self ? 0 : clearance + inflation(pair);
     place(pair, t);
     double bound = 0;
     const Distance found = cell.distance(pair, most + needed, bound);
@@ -96,7 +103,7 @@ struct Checker::Impl {
       least_over = found.d - needed;
       least = nearest_of(pair, t, found);
     }
-    return bound - needed;
+    return bound < most + needed ? bound - needed : std::max(bound - needed, most);  // which may be less by rounding
   }
 
   /// What is certainly enough: of the least distance, or to be clear. Links of the robot only must not touch.
@@ -172,7 +179,7 @@ bool Checker::Impl::meets(double begin, double end, bool again) {
     const double from = time(k), to = time(k + 1);
     for (std::size_t i = 0; i < present.size(); ++i) travels[i] = travel(*present[i], from, to);
     for (std::size_t i = 0; i < present.size(); ++i) d_from[i] = over(*present[i], from, enough(*present[i]) + travels[i]);
-    double first = scene::kInfinity;
+    double first = scene::kInfinity, deepest = 0;
     const Pair* meeting = nullptr;
     for (std::size_t i = 0; i < present.size(); ++i) {
       const Pair& pair = *present[i];
@@ -181,7 +188,10 @@ bool Checker::Impl::meets(double begin, double end, bool again) {
       const Least found = least_distance(
           whole, kLimits, stack, [&](double t, double enough) { return over(pair, t, enough); },
           [&](double t_from, double t_to) { return travel(pair, t_from, t_to); }, [&](double) { return enough(pair); });
-      if (found.meets && found.t < first) first = found.t, meeting = &pair;
+      if (!found.meets || found.t > first || (found.t == first && found.d >= deepest)) continue;
+      first = found.t;
+      deepest = found.d;
+      meeting = &pair;
     }
     if (meeting == nullptr) continue;
     place(*meeting, first);
@@ -195,41 +205,53 @@ bool Checker::Impl::meets(double begin, double end, bool again) {
 Checker::~Checker() = default;
 const std::vector<std::string>& Checker::notes() const { return impl_->notes; }
 
-Checker::Checker(const scene::Scene& scene, std::vector<Stand> robots, const Options& options,
-                 std::span<const PlacedCloud> clouds)
-    : impl_(std::make_unique<Impl>()) {
+Checker::Checker(PlacedCell given, const Options& options) : impl_(std::make_unique<Impl>()) {
   Impl& all = *impl_;
-  all.robots = std::move(robots);
+  all.given = std::move(given);
   all.clearance = options.clearance;
-  std::string moving, open, bare;
-  all.cell.add(scene);
-  for (std::size_t k = 0; k < scene.bodies.size(); ++k) {
-    if (all.cell.parts[k].moves) text::append(moving, scene.bodies[k].name);
-    if (all.cell.parts[k].body.open()) text::append(open, scene.bodies[k].name);
-    all.cell.parts[k].moves = false;
+  std::vector<std::string> moving, open, absent;
+  for (const PlacedCell::Body& body : all.given.bodies) {
+    Part& part = all.cell.add(body.body);
+    if (body.scale != 1) {
+      const Body unscaled = part.body;
+      part.body.set_scaled(unscaled, body.scale);
+      all.cell.place(part, body.body.X_WB);
+    }
+    part.present = body.present;
+    if (part.moves || body.moves) moving.push_back(part.name);
+    if (part.body.open()) open.push_back(part.name);
+    if (!part.present) absent.push_back(part.name);
+    part.moves = body.moves;
   }
-  for (const PlacedCloud& cloud : clouds) all.cell.place(all.cell.add(cloud.name, cloud.points, cloud.radius), cloud.X_WC);
-  for (const Stand& stand : all.robots) {
-    std::string without = all.cell.add(stand.robot, false);
+  for (const PlacedCell::Cloud& cloud : all.given.clouds)
+    all.cell.place(all.cell.add(cloud.name, cloud.points, cloud.radius), cloud.X_WC);
+  for (const PlacedCell::Robot& robot : all.given.robots) {
+    std::string without = all.cell.add(robot.robot, false);
     all.tools.resize(all.cell.parts.size());
-    for (const Tool& tool : stand.tools) {
+    for (const Tool& tool : robot.tools) {
       all.cell.add_tool(tool.name, tool.shapes, tool.link);
       all.tools.push_back(&tool);
       const Part& part = all.cell.parts.back();
       if (part.body.empty()) without += (without.empty() ? "no shapes of " : ", ") + part.name;
     }
+    const std::span<Part> parts = all.cell.of(static_cast<int>(all.movers.size()));
+    const std::size_t prefix = robot.robot.name.empty() ? 0 : robot.robot.name.size() + 1;
+    for (Part& part : parts)
+      if (robot.alias) part.alias = *robot.alias + parts[static_cast<std::size_t>(part.link + 1)].name.substr(prefix);
     if (!without.empty()) all.notes.push_back(without + ", which meet nothing");
+    if (robot.floats) moving.push_back("the base of " + robot.robot.name);
     Impl::Mover& mover = all.movers.emplace_back();
-    mover.model = &stand.robot.model;
-    mover.X_WB = stand.X_WB;
+    mover.model = &robot.robot.model;
+    mover.X_WB = robot.X_WB;
     mover.first = all.movers.size() == 1;
   }
-  if (!open.empty()) all.notes.push_back("not closed, so that nothing counts as inside: " + open);
-  if (!moving.empty()) all.notes.push_back("taken to stand where the scene has them: " + moving);
-  all.cell.find_pairs(options.ignore);
+  if (!open.empty()) all.notes.push_back("not closed, so that nothing counts as inside: " + text::joined(open));
+  if (!absent.empty()) all.notes.push_back("not there at the start, so that nothing meets it: " + text::joined(absent));
+  if (!moving.empty()) all.notes.push_back("may move in the run, and are taken where they start: " + text::joined(moving));
+  all.cell.find_pairs(all.given.ignore, all.given.ignore_checked);
   std::erase_if(all.cell.pairs, [&](const Pair& pair) {
     const bool own = all.cell.parts[pair.a].robot == 0 || all.cell.parts[pair.b].robot == 0;
-    return !own || (pair.self && !options.self);
+    return !own || (pair.self && !options.self) || !all.cell.parts[pair.a].present;
   });
 }
 
@@ -242,8 +264,8 @@ Verdict Checker::check(std::span<const Motion> motions, double until) {
   const double begin = own.joints() > 0 ? own.begin() : 0, once = own.joints() > 0 ? own.end() : 0;
   double end = motions.front().loop == Motion::Loop::kNo ? once : std::max(once, until);
   std::vector<double> times{begin, once}, comes;
-  for (const Stand& stand : all.robots) {
-    for (const Tool& tool : stand.tools) {
+  for (const PlacedCell::Robot& robot : all.given.robots) {
+    for (const Tool& tool : robot.tools) {
       if (tool.from < scene::kInfinity) end = std::max(end, tool.from);
       times.insert(times.end(), {tool.from, tool.until});
       comes.push_back(tool.from);
@@ -256,7 +278,7 @@ Verdict Checker::check(std::span<const Motion> motions, double until) {
   const bool comes_last = std::ranges::find(comes, end) != comes.end();
   if (times.size() == 1 || comes_last) times.push_back(end);  // a moment of its own
   for (std::size_t i = 0; i + 1 < times.size(); ++i) {
-    const bool again = times[i] >= once && times[i] > begin && all.robots.front().tools.empty();
+    const bool again = times[i] >= once && times[i] > begin && all.given.robots.front().tools.empty();
     if (all.meets(times[i], times[i + 1], again)) return {false, all.least};
   }
   return {true, all.least};

@@ -74,6 +74,8 @@ TEST_F(ClearOfScenes, MeetPayloadsWhileTheyAreCarried) {
   const json carried = with(json::object());
   ASSERT_EQ(carried["feasible"], false);
   EXPECT_EQ(carried["clear_of"]["nearest"]["link"], "payload_1");
+  ASSERT_EQ(carried["clear_of"]["places"].size(), 1u);
+  EXPECT_TRUE(carried["clear_of"]["places"][0]["by"].is_null()) << "no base is given";
   EXPECT_THAT(carried["reason"].get<std::string>(), HasSubstr("payload_1 meets post at "));
   const double t = carried["clear_of"]["nearest"]["t_s"];
   EXPECT_EQ(with({{"to_share", t / 2 - 0.02}})["feasible"], true);

@@ -208,6 +208,23 @@ TEST_F(ScanCommand, LeavesOutPosturesThatAreNotClear) {
   EXPECT_EQ(none.code, 2);
   EXPECT_THAT(none.err, HasSubstr("no posture is clear: posture 1 is left out: on the way there arm meets post"));
   EXPECT_FALSE(fs::exists(folder_ / "out"));
+  // A monitor's cloud, where the monitor has it.
+  folder_.write("pole.xyz", "9 9 9\n");
+  scenario("", "/>",
+           R"(<ssd:Component name="monitor" source="unit:monitor?robot=turret.urdf&amp;cloud=pole.xyz" )"
+           R"(type="application/x-cotwin-unit"><ssd:ParameterBindings><ssd:ParameterBinding><ssd:ParameterValues>)"
+           R"(<ssv:ParameterSet version="1.0" name="p"><ssv:Parameters><ssv:Parameter name="cloud.p0">)"
+           R"(<ssv:String value="-8.8 -9 -9"/></ssv:Parameter><ssv:Parameter name="cloud.r"><ssv:Real value="0.05"/>)"
+           R"(</ssv:Parameter></ssv:Parameters></ssv:ParameterSet></ssd:ParameterValues></ssd:ParameterBinding>)"
+           R"(</ssd:ParameterBindings></ssd:Component>)");
+  EXPECT_THAT(scan({"--at", "0", "--count", "1"}).err, HasSubstr("on the way there arm meets cloud"));
+  ASSERT_EQ(scan({"--at", "-0.7", "--count", "1"}).code, 0);
+  const json cloud = {{"name", "cloud"},
+                      {"p_m", {-8.8, -9.0, -9.0}},
+                      {"quaternion_wxyz", {1.0, 0.0, 0.0, 0.0}},
+                      {"radius_m", 0.05},
+                      {"by", "monitor"}};
+  EXPECT_EQ(summary().at("places").back(), cloud) << summary().at("places");
 }
 
 TEST_F(ScanCommand, LeavesOutPosturesBeyondTheLimitsOfTheJoints) {

@@ -53,7 +53,7 @@ scene::Body body(const std::string& name, const Shape& shape, const Vector3d& p)
 }
 
 /// A ball of 0.1 m at the end of an arm of 1 m that turns about z, and slides along it by the second joint.
-Stand arm(const std::string& name, const Vector3d& p = Vector3d::Zero()) {
+PlacedCell::Robot arm(const std::string& name, const Vector3d& p = Vector3d::Zero()) {
   robot::RobotModel model;
   model.name = "arm";
   model.base.name = "base";
@@ -68,6 +68,16 @@ Stand arm(const std::string& name, const Vector3d& p = Vector3d::Zero()) {
   model.bodies[0].name = "shaft";
   model.bodies[1].name = "hand";
   return {{name, model, {{}, {}, {shape(ShapeType::kSphere, {0.1, 0, 0}, {1, 0, 0})}}}, {Eigen::Matrix3d::Identity(), p}};
+}
+
+PlacedCell placed(const scene::Scene& scene, std::vector<PlacedCell::Robot> robots, std::vector<std::string> ignore = {},
+                  std::vector<PlacedCell::Cloud> clouds = {}) {
+  PlacedCell cell;
+  cell.add(scene);
+  cell.robots = std::move(robots);
+  cell.ignore = std::move(ignore);
+  cell.clouds = std::move(clouds);
+  return cell;
 }
 
 /// From rest to rest by a quintic.
@@ -91,7 +101,7 @@ TEST(Clearance, OfATurningBallIsKnownInClosedForm) {
   scene.bodies = {body("ball", shape(ShapeType::kSphere, {0.2, 0, 0}), {std::cos(psi), std::sin(psi), 0})};
   for (const double clearance : {0.0, 0.05, 0.3}) {
     for (const double T : {1e-3, 1.0, 1e3}) {
-      Checker checker(scene, {arm("")}, {clearance, false, {}});
+      Checker checker(placed(scene, {arm("")}), {clearance});
       const Motion motion = go({0, 0}, {2, 0}, T);
       const Verdict verdict = checker.check({&motion, 1});
       ASSERT_FALSE(verdict.clear);
@@ -113,10 +123,32 @@ TEST(Clearance, OfATurningBallIsKnownInClosedForm) {
   }
 }
 
+// An arm that rests, or moves one link only, is as near as it is, however a clearance rounds.
+TEST(Clearance, OfLinksThatRestIsExact) {
+  std::mt19937 random(5);
+  const auto real = [&](double low, double high) { return std::uniform_real_distribution<double>(low, high)(random); };
+  for (int k = 0; k < 300; ++k) {
+    scene::Scene scene;
+    double least = scene::kInfinity;
+    for (int i = 0; i < 5; ++i) {
+      const Vector3d p(real(-2, 2), real(-2, 2), real(-2, 2));
+      scene.bodies.push_back(body("ball" + std::to_string(i), shape(ShapeType::kSphere, {0.1, 0, 0}), p));
+      least = std::min(least, (p - Vector3d::UnitX()).norm() - 0.2);
+    }
+    const double clearance = real(0, 0.5);
+    PlacedCell cell = placed(scene, {arm("")});
+    cell.r = k % 2 == 0 ? real(0, 0.3) : 0;
+    const double inflation = cell.r;
+    const Motion rests{{}, {0, 0}}, slow = go({0, 0}, {0, 1e-9}, 1);
+    Checker checker(std::move(cell), {clearance});
+    for (const Motion& motion : {rests, slow}) EXPECT_EQ(checker.check({&motion, 1}).clear, least - inflation > clearance) << k;
+  }
+}
+
 TEST(Clearance, PassesNoThinPlateAtAnySpeed) {
   scene::Scene scene;
   scene.bodies = {body("plate", shape(ShapeType::kBox, {1e-4, 0.05, 0.05}), {0, 1, 0.12})};
-  Checker checker(scene, {arm("")}, {});
+  Checker checker(placed(scene, {arm("")}));
   for (const double turns : {1.0, 7.3, 40.0}) {
     const Motion motion = go({-0.3, 0}, {-0.3 + turns * 2 * std::numbers::pi, 0}, 0.01);
     const Verdict verdict = checker.check({&motion, 1});
@@ -131,7 +163,7 @@ TEST(Clearance, PassesNoThinPlateAtAnySpeed) {
 TEST(Clearance, KnowsWhereTheOtherRobotIsAtThatTime) {
   // Both slide towards x = 0 along the same line; the second one is late.
   const auto from_both_sides = [](double wait) {
-    Checker checker({}, {arm("a", {-3, 0, 0}), arm("b", {3, 0, 0})}, {});
+    Checker checker(placed({}, {arm("a", {-3, 0, 0}), arm("b", {3, 0, 0})}));
     Motion a = go({0, 0}, {0, 3.2}, 1);
     Motion b = go({std::numbers::pi, 0}, {std::numbers::pi, 1}, 1);
     b.path = trajectory::Path(2, {wait, wait + 1}, {std::numbers::pi, 0, std::numbers::pi, 1}, Values(4), Values(4));
@@ -142,7 +174,7 @@ TEST(Clearance, KnowsWhereTheOtherRobotIsAtThatTime) {
   };
   const Verdict meets = from_both_sides(0), waits = from_both_sides(1.5);
   ASSERT_FALSE(meets.clear);  // a at -2 + x_a, b at 2 - x_b
-  EXPECT_EQ(meets.nearest.link, "a/hand");
+  EXPECT_EQ(meets.nearest.link, "hand");
   EXPECT_EQ(meets.nearest.other, "b/hand");
   EXPECT_LT(meets.nearest.t, 1);
   EXPECT_TRUE(waits.clear) << waits.nearest.t;
@@ -170,7 +202,7 @@ TEST(Clearance, KnowsLoopsThatGetOutOfStep) {
         // a comes out to x = -0.07 and b to 0.07, of hands at -2 and 2: they meet only if they are in step.
         const Motion motions[] = {swing(1.93, 0, 1, 0),
                                   swing(1.93, loop == Loop::kNo ? wait : 1 + wait, period, std::numbers::pi)};
-        Checker checker({}, {arm("a", {-3, 0, 0}), arm("b", {3, 0, 0})}, {});
+        Checker checker(placed({}, {arm("a", {-3, 0, 0}), arm("b", {3, 0, 0})}));
         constexpr double kUntil = 9, kStep = 1e-3;
         double first = scene::kInfinity;
         const double end = loop == Loop::kNo ? 1 : kUntil;
@@ -190,9 +222,9 @@ TEST(Clearance, KnowsLoopsThatGetOutOfStep) {
 }
 
 /// Robots of models/robots with their hulls.
-Stand shipped(const std::string& name, const Vector3d& p) {
+PlacedCell::Robot shipped(const std::string& name, const Vector3d& p) {
   const fs::path urdf = fs::path(cotwin::places::source()) / "models/robots" / name / "robot.urdf";
-  Stand stand{{name, robot::load_urdf(urdf), {}}, {Eigen::Matrix3d::Identity(), p}};
+  PlacedCell::Robot stand{{name, robot::load_urdf(urdf), {}}, {Eigen::Matrix3d::Identity(), p}};
   stand.robot.shapes = scene::hulls_of_urdf(urdf, stand.robot.model);
   return stand;
 }
@@ -219,7 +251,7 @@ class Cells : public ::testing::Test {
 };
 
 /// The surfaces of a scene as points.
-PlacedCloud cloud_of(const scene::Scene& s, double spacing, double radius) {
+PlacedCell::Cloud cloud_of(const scene::Scene& s, double spacing, double radius) {
   std::vector<std::string> none;
   return {"cloud", std::make_shared<cloud::Tree>(cloud::sample(s, {.spacing = spacing}, none)), radius, {}};
 }
@@ -230,16 +262,16 @@ TEST_F(Cells, AnswerAsFinelySampledMotionsDo) {
   int clear = 0, touching = 0;
   for (int k = 0; k < 60; ++k) {
     scene::Scene s = scene(4);
-    std::vector<PlacedCloud> clouds;
+    std::vector<PlacedCell::Cloud> clouds;
     if (k % 5 == 4) {
       clouds.push_back(cloud_of(s, 0.02, 0.01));
       s.bodies.clear();
     }
-    const std::vector<Stand> robots{shipped("lwr4", {0, 0, 0}), shipped("ur5e", {1, 0, 0})};
-    const Options options{k % 3 == 0 ? 0.03 : 0, k % 2 == 0, {}};
-    Checker checker(s, robots, options, clouds);
+    const std::vector<PlacedCell::Robot> robots{shipped("lwr4", {0, 0, 0}), shipped("ur5e", {1, 0, 0})};
+    const Options options{k % 3 == 0 ? 0.03 : 0, k % 2 == 0};
+    Checker checker(placed(s, robots, {}, clouds), options);
     std::vector<Motion> motions;
-    for (const Stand& stand : robots)
+    for (const PlacedCell::Robot& stand : robots)
       motions.push_back(k % 4 == 0 && !motions.empty() ? Motion{{}, posture(stand.robot.model)}
                                                        : go(posture(stand.robot.model), posture(stand.robot.model), 2));
     const Verdict verdict = checker.check(motions);
@@ -247,7 +279,7 @@ TEST_F(Cells, AnswerAsFinelySampledMotionsDo) {
     for (const auto& shapes : robots[0].robot.shapes) own.emplace_back(shapes);
     for (const auto& shapes : robots[1].robot.shapes) others.emplace_back(shapes);
     for (const scene::Body& b : s.bodies) others.emplace_back(b.shapes);
-    for (const PlacedCloud& cloud : clouds) others.emplace_back(cloud.points, cloud.radius);
+    for (const PlacedCell::Cloud& cloud : clouds) others.emplace_back(cloud.points, cloud.radius);
     collision::Finder finder;
     for (const collision::Body& solid : own) finder.reserve(solid);
     for (const collision::Body& solid : others) finder.reserve(solid);
@@ -265,7 +297,7 @@ TEST_F(Cells, AnswerAsFinelySampledMotionsDo) {
       }
       std::vector<Pose> X_others = X[1];
       for (const scene::Body& b : s.bodies) X_others.push_back(b.X_WB);
-      for (const PlacedCloud& cloud : clouds) X_others.push_back(cloud.X_WC);
+      for (const PlacedCell::Cloud& cloud : clouds) X_others.push_back(cloud.X_WC);
       for (std::size_t a = 0; a < own.size(); ++a) {
         for (std::size_t b = 0; b < others.size(); ++b) {
           if (a == 0 && (b == 0 || b >= X[1].size())) continue;
@@ -302,14 +334,14 @@ TEST_F(Cells, OfCloudsAreLikeTheirScenes) {
   int clear = 0, touching = 0;
   for (int k = 0; k < 60; ++k) {
     const scene::Scene s = scene(4);
-    PlacedCloud cloud = cloud_of(s, kSpacing, kRadius);
-    Stand robot = shipped(k % 2 == 0 ? "lwr4" : "ur5e", {0, 0, 0});
-    Checker of_scene(s, {robot}, {});
+    PlacedCell::Cloud cloud = cloud_of(s, kSpacing, kRadius);
+    PlacedCell::Robot robot = shipped(k % 2 == 0 ? "lwr4" : "ur5e", {0, 0, 0});
+    Checker of_scene(placed(s, {robot}));
     const Motion motion = go(posture(robot.robot.model), posture(robot.robot.model), 2);
     // Somewhere else in W, all the same.
     const Pose X{rotation_from_rpy(0.3, -0.2, 1), {5, -3, 2}};
     robot.X_WB = cloud.X_WC = X;
-    Checker of_cloud({}, {robot}, {}, {&cloud, 1});
+    Checker of_cloud(placed({}, {robot}, {}, {cloud}));
     const Verdict expected = of_scene.check({&motion, 1}), found = of_cloud.check({&motion, 1});
     if (expected.clear) {
       ++clear;
@@ -332,10 +364,10 @@ TEST_F(Cells, AgreeWithThePointsOfTheContactWorld) {
   int apart = 0, meeting = 0;
   for (int k = 0; k < 400; ++k) {
     const scene::Scene boxes = scene(k % 2 == 0 ? 3 : 15);
-    const Stand stand = shipped("lwr4", Vector3d::Zero());
+    const PlacedCell::Robot stand = shipped("lwr4", Vector3d::Zero());
     const robot::RobotModel& model = stand.robot.model;
     const Motion rest{{}, posture(model)};
-    const Verdict verdict = Checker(boxes, {stand}, {}).check({&rest, 1});
+    const Verdict verdict = Checker(placed(boxes, {stand})).check({&rest, 1});
     std::vector<Pose> X_W(1, stand.X_WB);
     X_W.resize(model.bodies.size() + 1);
     std::vector<Twist> V(model.bodies.size());
@@ -367,26 +399,25 @@ TEST_F(Cells, AgreeWithThePointsOfTheContactWorld) {
 TEST(Clearance, TellsWhatItCannotAnswerAndWhatItLeavesOut) {
   scene::Scene scene;
   scene.bodies = {body("ball", shape(ShapeType::kSphere, {0.2, 0, 0}), {0.5, 0, 0})};
-  Stand bare = arm("bare");
+  PlacedCell::Robot bare = arm("bare");
   bare.robot.shapes = {{}, {}, {}};
-  EXPECT_THAT(error_of([&] { Checker(scene, {bare}, {}); }), HasSubstr("robot 'arm': has no shapes"));
-  EXPECT_THAT(error_of([&] {
-                Checker(scene, {arm("")}, {0, false, {"hand:bal"}});
-              }),
+  EXPECT_THAT(error_of([&] { Checker(placed(scene, {bare})); }), HasSubstr("robot 'arm': has no shapes"));
+  EXPECT_THAT(error_of([&] { Checker(placed(scene, {arm("")}, {"hand:bal"})); }),
               HasSubstr("'bal' is no link and no body, did you mean 'ball'?"));
-  EXPECT_THAT(error_of([&] { Checker(scene, {arm("")}, {0, false, {"hand"}}); }), HasSubstr("expected two names"));
+  EXPECT_THAT(error_of([&] { Checker(placed(scene, {arm("")}, {"hand"})); }), HasSubstr("expected two names"));
   // The ball is around the hand from the beginning, or does not count.
   const Motion stands{{}, {0, -0.5}};
-  const Verdict inside = Checker(scene, {arm("")}, {}).check({&stands, 1});
+  const Verdict inside = Checker(placed(scene, {arm("")})).check({&stands, 1});
   EXPECT_FALSE(inside.clear);
   EXPECT_EQ(inside.nearest.t, 0);
   EXPECT_NEAR(inside.nearest.d, -0.3, 1e-12);
-  EXPECT_TRUE(Checker(scene, {arm("")}, {0, false, {"ball:hand"}}).check({&stands, 1}).clear);
+  EXPECT_TRUE(Checker(placed(scene, {arm("")}, {"ball:hand"})).check({&stands, 1}).clear);
   scene.bodies[0].motion = scene::Motion::kDriven;
-  EXPECT_THAT(Checker(scene, {arm("")}, {}).notes(),
-              ElementsAre("no shapes of base, shaft, which meet nothing", "taken to stand where the scene has them: ball"));
+  EXPECT_THAT(
+      Checker(placed(scene, {arm("")})).notes(),
+      ElementsAre("no shapes of base, shaft, which meet nothing", "may move in the run, and are taken where they start: ball"));
   const Motion away = go({0, 0.5}, {1, 0.6}, 1);
-  const Verdict alone = Checker({}, {arm("")}, {}).check({&away, 1});
+  const Verdict alone = Checker(placed({}, {arm("")})).check({&away, 1});
   EXPECT_TRUE(alone.clear);
   EXPECT_EQ(alone.nearest.d, scene::kInfinity);
 }
@@ -397,9 +428,9 @@ TEST(Tools, CountWhileTheyAreThere) {
   scene.bodies = {body("post", shape(ShapeType::kSphere, {0.1, 0, 0}), {0, 1.5, 0})};
   const Motion motion = go({0, 0}, {2, 0}, 1);
   const auto with = [&](double from, double until) {
-    Stand stand = arm("");
+    PlacedCell::Robot stand = arm("");
     stand.tools = {{"rod", 1, {shape(ShapeType::kSphere, {0.1, 0, 0}, {1.5, 0, 0})}, from, until}};
-    return Checker(scene, {stand}, {}).check({&motion, 1});
+    return Checker(placed(scene, {stand})).check({&motion, 1});
   };
   const double contact = std::numbers::pi / 2 - 2 * std::asin(0.2 / 3), leaves = std::numbers::pi - contact;
   const auto time_of = [&](double angle) {
@@ -426,21 +457,21 @@ TEST(Tools, CountWhileTheyAreThere) {
   EXPECT_NEAR(with(middle, 2).nearest.d, -0.2, 1e-9);
   EXPECT_NEAR(with(0, middle).nearest.t, time_of(contact), 1e-5);
   const Motion stays{{}, {std::numbers::pi / 2, 0}};
-  Stand late = arm("");
+  PlacedCell::Robot late = arm("");
   late.tools = {{"rod", 1, {shape(ShapeType::kSphere, {0.1, 0, 0}, {1.5, 0, 0})}, 7, 9}};
-  const Verdict met = Checker(scene, {late}, {}).check({&stays, 1});
+  const Verdict met = Checker(placed(scene, {late})).check({&stays, 1});
   EXPECT_FALSE(met.clear);
   EXPECT_EQ(met.nearest.t, 7);
 }
 
 TEST(Tools, OfARobotMeetItsOtherLinksAndThoseOfOthers) {
   // The shaft has a ball at x = 0.3; a tool of the hand reaches back to it, or one of the shaft to the hand.
-  Stand stand = arm("");
+  PlacedCell::Robot stand = arm("");
   stand.robot.shapes[1] = {shape(ShapeType::kSphere, {0.05, 0, 0}, {0.3, 0, 0})};
   const Motion rests{{}, {0, 0}};
   const auto meets = [&](const Tool& tool, std::vector<std::string> ignore = {}, bool self = true) {
     stand.tools = {tool};
-    const Verdict verdict = Checker({}, {stand}, {0, self, ignore}).check({&rests, 1});
+    const Verdict verdict = Checker(placed({}, {stand}, ignore), {0, self}).check({&rests, 1});
     return verdict.clear ? "" : verdict.nearest.link + " " + verdict.nearest.other;
   };
   const Tool back{"a::b c", 1, {shape(ShapeType::kBox, {0.8, 0.02, 0.02}, {0.6, 0, 0})}};
@@ -452,11 +483,11 @@ TEST(Tools, OfARobotMeetItsOtherLinksAndThoseOfOthers) {
   EXPECT_EQ(meets({"lamp", -1, {shape(ShapeType::kBox, {0.1, 0.1, 2}, {1, 0, 0})}}), "hand lamp");
   EXPECT_THAT(error_of([&] { meets(back, {"shaft:a:b c"}); }), HasSubstr("'a:b c' is no link and no body"));
   // Of another robot, also while this one rests.
-  Stand other = arm("right", {3, 0, 0});
+  PlacedCell::Robot other = arm("right", {3, 0, 0});
   other.tools = {{"rod", 1, {shape(ShapeType::kBox, {2, 0.1, 0.1}, {1, 0, 0})}}};
   stand.tools.clear();
   const Motion motions[] = {go({0, 0}, {0.1, 0}, 1), go({1, 0}, {std::numbers::pi, 0}, 1)};
-  const Verdict verdict = Checker({}, {stand, other}, {}).check(motions);
+  const Verdict verdict = Checker(placed({}, {stand, other})).check(motions);
   EXPECT_FALSE(verdict.clear);
   EXPECT_EQ(verdict.nearest.other, "right/rod");
   // The other one rests, and gets its tool at the end of the motion, or later; gone again before, it does not count.
@@ -464,14 +495,14 @@ TEST(Tools, OfARobotMeetItsOtherLinksAndThoseOfOthers) {
   for (const double from : {0.5, 1.0, 4.0, 1e3}) {
     other.tools = {{"rod", 1, {shape(ShapeType::kBox, {2, 0.1, 0.1}, {1, 0, 0})}, from}};
     const Motion both[] = {go({0, 0}, {0.1, 0}, 1), {{}, {std::numbers::pi, 0}}};
-    const Verdict late = Checker({}, {stand, other}, {}).check(both);
+    const Verdict late = Checker(placed({}, {stand, other})).check(both);
     EXPECT_FALSE(late.clear) << from;
     EXPECT_EQ(late.nearest.t, from);
     other.tools.front().from = -2;
     other.tools.front().until = -1;
-    EXPECT_TRUE(Checker({}, {stand, other}, {}).check(both).clear);
+    EXPECT_TRUE(Checker(placed({}, {stand, other})).check(both).clear);
   }
-  Checker bare({}, {stand, arm("x", {9, 0, 0})}, {});
+  Checker bare(placed({}, {stand, arm("x", {9, 0, 0})}));
   EXPECT_TRUE(bare.check(motions).clear);
 }
 
@@ -479,7 +510,7 @@ TEST(Tools, OfARobotMeetItsOtherLinksAndThoseOfOthers) {
 TEST(Clearance, CountsBothEnds) {
   scene::Scene scene;
   scene.bodies = {body("ball", shape(ShapeType::kSphere, {0.2, 0, 0}), {1, 0, 0})};
-  Checker checker(scene, {arm("")}, {});
+  Checker checker(placed(scene, {arm("")}));
   const Motion starts = go({0.29, 0}, {2, 0}, 1), ends = go({2, 0}, {0.29, 0}, 1);
   EXPECT_EQ(checker.check({&starts, 1}).nearest.t, 0);
   EXPECT_FALSE(checker.check({&starts, 1}).clear);
