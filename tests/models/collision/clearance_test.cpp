@@ -316,12 +316,18 @@ TEST_F(Cells, AnswerAsFinelySampledMotionsDo) {
     if (verdict.clear) {
       ++clear;
       EXPECT_EQ(first, scene::kInfinity) << k;
-      if (!options.self) EXPECT_LE(verdict.nearest.d, least + std::max(1e-4, 1e-3 * least)) << k;
-      if (!options.self) EXPECT_GE(verdict.nearest.d, least - 0.02) << k << ": between two samples";
+      if (!options.self) {
+        EXPECT_LE(verdict.nearest.d, least + std::max(1e-4, 1e-3 * least)) << k;
+      }
+      if (!options.self) {
+        EXPECT_GE(verdict.nearest.d, least - 0.02) << k << ": between two samples";
+      }
     } else {
       ++touching;
       EXPECT_LE(verdict.nearest.t, first) << k;
-      if (first < scene::kInfinity) EXPECT_GT(verdict.nearest.t, first - 2.1 * 2 / kSamples) << k;
+      if (first < scene::kInfinity) {
+        EXPECT_GT(verdict.nearest.t, first - 2.1 * 2 / kSamples) << k;
+      }
     }
   }
   EXPECT_GT(clear, 8);
@@ -346,11 +352,17 @@ TEST_F(Cells, OfCloudsAreLikeTheirScenes) {
     if (expected.clear) {
       ++clear;
       EXPECT_LE(found.nearest.d, expected.nearest.d - kRadius + kGap);
-      if (found.clear) EXPECT_GE(found.nearest.d, expected.nearest.d - kRadius - 1e-3 * (1 + expected.nearest.d));
-      if (!found.clear) EXPECT_LT(expected.nearest.d, kRadius + 1e-4);
+      if (found.clear) {
+        EXPECT_GE(found.nearest.d, expected.nearest.d - kRadius - 1e-3 * (1 + expected.nearest.d));
+      }
+      if (!found.clear) {
+        EXPECT_LT(expected.nearest.d, kRadius + 1e-4);
+      }
     } else {
       ++touching;
-      if (!found.clear) EXPECT_EQ(found.nearest.other, "cloud");
+      if (!found.clear) {
+        EXPECT_EQ(found.nearest.other, "cloud");
+      }
       EXPECT_TRUE(!found.clear || found.nearest.d < kGap - kRadius) << "a link that hardly touches may be between points";
     }
   }
@@ -389,7 +401,9 @@ TEST_F(Cells, AgreeWithThePointsOfTheContactWorld) {
     double gap = kMargin;
     for (const ContactPoint& point : detector.points()) gap = std::min(gap, point.gap);
     EXPECT_EQ(verdict.clear, gap > 0) << k;
-    if (verdict.clear) EXPECT_NEAR(std::min(verdict.nearest.d, kMargin), gap, 1e-9) << k;
+    if (verdict.clear) {
+      EXPECT_NEAR(std::min(verdict.nearest.d, kMargin), gap, 1e-9) << k;
+    }
     (verdict.clear ? apart : meeting) += gap < kMargin ? 1 : 0;
   }
   EXPECT_GT(apart, 50);
