@@ -144,6 +144,12 @@ void Monitor::add_separation(Settings& settings) {
       if (pair.a < counts.size() && counts[pair.a] != 0 && cell_.parts[pair.b].robot == static_cast<int>(i) && !stands)
         r.kept.push_back({k});
     }
+    for (std::size_t k = 0; k < counts.size(); ++k) {
+      if (counts[k] != 0 &&
+          std::ranges::none_of(r.kept, [&](const Robot::Kept& kept) { return cell_.pairs[kept.pair].a == k; }))
+        settings.warn((r.placed->name.empty() ? "the robot" : r.placed->name) + " keeps no separation from " +
+                      cell_.parts[k].name + ": ignore leaves no pair of them");
+    }
   }
   for (std::size_t k = 0; k < bodies_.size(); ++k) bodies_[k]->kept = counts[k] != 0 && !bodies_[k]->comes;
 }

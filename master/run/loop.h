@@ -15,6 +15,7 @@
 #include "master/run/live_loop.h"
 #include "master/run/master.h"
 #include "master/run/recorder.h"
+#include "master/run/separation_loop.h"
 #include "master/run/tick_times.h"
 
 namespace cotwin::master {
@@ -85,6 +86,7 @@ class Master::Loop {
   Engine engine_;
   StepControl control_;
   std::vector<std::string> omissions_;
+  SeparationLoop separation_;
   Pace pace_;
   std::vector<Column> columns_;
   Statistics statistics_, past_statistics_;  // past: at the last checkpoint

@@ -91,6 +91,7 @@ Master::Loop::Loop(Scenario scenario, MasterOptions options)
       control_(
           engine_, members_, scenario_.tolerance, [this](std::int64_t tick) { return engine_.schedule.tick(tick); }, false),
       omissions_(find_omissions(scenario_, members_, engine_.links)),
+      separation_(trace_separation(scenario_, members_, engine_.links)),
       pace_(scenario_, members_, std::move(options.clock), options.host),
       columns_(choose_columns(scenario_, members_, &pace_.variables())),
       statistics_(scenario_, members_, columns_),

@@ -8,6 +8,7 @@
 #include <unordered_map>
 #include <utility>
 
+#include "master/engine/wiring/trace.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
 
@@ -16,13 +17,6 @@ namespace cotwin::master {
 namespace {
 
 std::string seconds(Time t) { return text::to_text(t.seconds()) + " s"; }
-
-/// "left." of "left.tau_e", "" of "tau_e".
-std::string prefix_of(const std::string& name) {
-  const std::size_t dot = name.rfind('.');
-  return dot == std::string::npos ? "" : name.substr(0, dot + 1);
-}
-std::string last_part(const std::string& name) { return name.substr(prefix_of(name).size()); }
 
 bool is_effort(const Variable& v) { return v.kind() == Kind::kReal && (v.si_of(0) == "N.m" || v.si_of(0) == "N"); }
 
@@ -68,7 +62,6 @@ class Finder {
       find_reaction(link);
     }
     find_pushes();
-    find_unheard();
     find_late_events();
     find_idle_tools();
     return std::move(found_);
@@ -269,38 +262,6 @@ class Finder {
               what + " gives " + name_of(*pushed) + push->element + " the value " + push->value + ", but " + name_of(*other) +
                   " of the connected unit does not get it: expected the same for both, because a push acts on both");
       return;
-    }
-  }
-
-  /// Finds robots that a unit:monitor with `separation` asks to slow down and stop, whose motion is not told, or brakes for longer than it counts.
-  void find_unheard() {
-    for (std::size_t m = 0; m < members_.size(); ++m) {
-      if (!is_unit(members_[m].spec) || members_[m].variables().find("restart_delay") == nullptr) continue;
-      for (const Variable& v : members_[m].variables()) {
-        if (last_part(v.name) != "T_s" || v.role != Role::kTunable) continue;
-        const std::string prefix = prefix_of(v.name);
-        bool told = false;
-        for (const ResolvedConnection& link : links_) {
-          const std::string& from = link.from.variable->name;
-          if (link.from.member != m ||
-              (from != prefix + "speed" && from != "speed" && from != prefix + "zone" && from != "zone"))
-            continue;
-          told = true;
-          const Member& motion = members_[link.to.member];
-          const Variable* ramp = motion.variables().find("speed_ramp");
-          if (ramp == nullptr || from != prefix + "speed" || link.to.variable->name != "speed" ||
-              !(v.reals()[0] < ramp->reals()[0]))
-            continue;
-          warn(m, members_[m].name() + "." + v.name + " is " + text::to_text(v.reals()[0]) + " s, but " + motion.name() +
-                      ".speed_ramp is " + text::to_text(ramp->reals()[0]) +
-                      " s: the robot stops later than its separation counts; expected a T_s of at least that, and of the lag "
-                      "of the drives");
-        }
-        if (!told)
-          warn(m, members_[m].name() + "." + prefix +
-                      "speed is connected to nothing, so nobody tells the robot to slow down or to stop: expected a "
-                      "connection to speed of a motion with override=true");
-      }
     }
   }
 

@@ -47,6 +47,7 @@ std::vector<std::string> Master::Loop::warnings() const {
   };
   for (const std::string& warning : scenario_.warnings) add(warning);
   for (const std::string& warning : omissions_) add(warning);
+  for (const std::string& warning : separation_.warnings) add(warning);
   if (engine_.finished_by() != Engine::kNoSlot) {
     add("'" + engine_.name(engine_.finished_by()) + "' asked for the end of the run at t = " + text::to_text(now().seconds()) +
         " s");
@@ -81,6 +82,7 @@ Summary Master::Loop::summary() const {
   s.check_share = all > 0 ? check / all : 0;
   s.observe_share = all > 0 ? observe / all : 0;
   s.warnings = warnings();
+  s.notes = separation_.notes;
   for (std::size_t m = 0; m < members_.size(); ++m) {
     const Engine::Cost cost = cost_of(m);
     s.units.push_back({members_[m].name(), cost.seconds_per_step, all > 0 ? cost.seconds() / all : 0, cost.samples});

@@ -15,6 +15,7 @@
 #include "master/run/master.h"
 #include "master/run/omissions.h"
 #include "master/run/recorder.h"
+#include "master/run/separation_loop.h"
 #include "master/run/statistics.h"
 #include "master/workflows/coupling_check.h"
 #include "models/foundation/support/choice.h"
@@ -137,6 +138,9 @@ class Checker {
     attempt([&] {
       for (const std::string& omission : find_omissions(scenario, members_, links)) warn(omission);
     });
+    const SeparationLoop separation = trace_separation(scenario, members_, links);
+    for (const std::string& warning : separation.warnings) warn(warning);
+    for (const std::string& note : separation.notes) findings_.push_back({Finding::Level::kNote, note});
     if (scenario.coupling != CouplingChoice::kImplicit) check_torques(links);
   }
 

@@ -13,10 +13,6 @@
 
 namespace cotwin::master {
 
-bool is_unit_of(const ComponentSpec& spec, const char* type) {
-  return is_unit(spec) && parse_unit_source(spec.source).unit == type;
-}
-
 namespace {
 
 namespace fs = std::filesystem;

@@ -7,9 +7,6 @@
 
 namespace cotwin::master {
 
-/// Whether the component is a unit of this type, such as "motion".
-bool is_unit_of(const ComponentSpec& spec, const char* type);
-
 /// Applies `--waypoints [MOTION=]FILE.csv` or `--waypoints '[MOTION=]POINT; POINT; …'` to a scenario: replaces the waypoints of the
 /// component MOTION, or of the only unit:motion. A point has one number per joint, with blanks or commas between them, and may
 /// begin with its time of arrival, "2.5: 0 0.3 0"; without times the legs last trajectory::calm_duration().

@@ -116,6 +116,8 @@ std::vector<std::shared_ptr<const robot::RobotModel>> robots_of_fmu(const std::f
 
 /// Whether the component is a unit of this program; otherwise it is an FMU.
 bool is_unit(const ComponentSpec& spec);
+/// Whether it is this one, "motion".
+bool is_unit_of(const ComponentSpec& spec, const char* type);
 
 /// Whether the component is a unit that would reach a robot, a bus or a network when it is initialised.
 bool reaches_outside(const Member& member);

@@ -49,6 +49,10 @@ std::vector<std::shared_ptr<const robot::RobotModel>> robots_of_fmu(const std::f
 
 bool is_unit(const ComponentSpec& spec) { return spec.source.rfind("unit:", 0) == 0; }
 
+bool is_unit_of(const ComponentSpec& spec, const char* type) {
+  return is_unit(spec) && parse_unit_source(spec.source).unit == type;
+}
+
 std::string with_article(Role role) {
   const bool vowel = role == Role::kInput || role == Role::kOutput;
   return (vowel ? "an " : "a ") + std::string(name_of(role));
