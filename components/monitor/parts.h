@@ -24,8 +24,8 @@ struct Ports {
   double distance = kNone, least = kNone, rate = 0, time = kNone, self = kNone;
   std::array<double, 3> p_a{}, p_b{}, n{};
   std::array<std::int32_t, 2> pair{};
-  double separation = kNone, S_p = 0, speed = 1;
-  std::int32_t zone = 0, points_known = 0;
+  double separation = kNone, S_p = 0, speed = 1, least_moving = kNone;
+  std::int32_t zone = 0, points_known = 0, late = 0;
   /// The pair that `separation` is of, as pair, p_a and p_b.
   struct Apart {
     std::array<std::int32_t, 2> pair{};

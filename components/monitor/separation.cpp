@@ -40,13 +40,16 @@ void Separation::declare(Variables& v, const std::string& x, const std::string& 
       .range(0, 1e6);
   v.state(x + "clear_speeds", clear_speeds_, "m/s", "of base and links, when the robot was slowed last");
   v.state(x + "separation_state", state_, "1",
-          "zone; since when it could go on, s; how often slowed, and first: s, link, body, margin, S_p; stopped likewise");
+          "zone; since when it could go on, s; how often slowed, and first: s, link, body, margin, S_p; stopped likewise; last "
+          "stop, s; "
+          "whether it is late; late stops; the worst: s, s after the stop, m/s; least distance while moving, m, and its body");
 }
 
 void Separation::reset() {
   std::ranges::fill(clear_speeds_, 0.0);
   state_ = {};
   state_[kFreeSince] = kNever;
+  state_[kLeast] = kNone;
 }
 
 double Separation::distance(const SeparationFigures& f, double h, std::size_t link, double v_h, double v_r) const {
@@ -73,6 +76,7 @@ bool Separation::update(const SeparationFigures& f, const Nearest& nearest, doub
   if (before == kClear) clear_speeds_ = speeds;
   state_[kZone] = next;
   since = kNever;
+  if (next == kStop) state_[kStopped] = t, state_[kIsLate] = 0;
   if (next > before) {
     const std::size_t at = next == kStop ? kStops : kSlows;
     if (state_[at]++ == 0) {
@@ -82,6 +86,22 @@ bool Separation::update(const SeparationFigures& f, const Nearest& nearest, doub
     }
   }
   return true;
+}
+
+void Separation::met(double d, std::size_t body) {
+  state_[kLeast] = d;
+  state_[kNearest] = static_cast<double>(body);
+}
+
+bool Separation::judge(const SeparationFigures& f, double h, double t, double fastest) {
+  constexpr double kRounding = 1e-9;  // s
+  const double after = t - state_[kStopped];
+  if (zone() != kStop || !(fastest > kMoving) || !(after > f.T_r + 2 * h + T_s_ + kRounding)) return false;
+  const bool first = state_[kIsLate] == 0;
+  if (first) ++state_[kLates];
+  state_[kIsLate] = 1;
+  if (fastest > state_[kWorst + 2]) std::ranges::copy(std::array{t, after, fastest}, state_.begin() + kWorst);
+  return first;
 }
 
 void Separation::append_note(const std::string& robot, const std::vector<std::string>& names,
@@ -97,6 +117,17 @@ void Separation::append_note(const std::string& robot, const std::vector<std::st
                            " m from " + name(first[3]) + ", S_p " + text::to_text(first[5], 3) + " m)");
   }
   if (!note.empty()) notes.push_back(robot + " was " + note);
+  const double stops = state_[kStops];
+  if (stops == 0) return;
+  note = robot + " stopped in time in " + text::to_text(stops - state_[kLates]) + " of " +
+         text::counted(static_cast<std::int64_t>(stops), "stop");
+  if (late() > 0)
+    note += "; at " + text::to_text(state_[kWorst], 6) + " s it still moved at " + text::to_text(state_[kWorst + 2], 3) +
+            " m/s, " + text::to_text(state_[kWorst + 1], 3) + " s after the stop";
+  if (state_[kLeast] < kNone)
+    note += "; nearest while it moved: " + text::to_text(state_[kLeast], 3) + " m from " +
+            names[static_cast<std::size_t>(state_[kNearest])];
+  notes.push_back(note);
 }
 
 void Monitor::add_separation(Settings& settings) {
@@ -179,12 +210,16 @@ void Monitor::keep_separation(double t, double h) {
   all_.separation = kNone;
   all_.S_p = 0;
   all_.apart = {};
+  all_.late = 0;
+  all_.least_moving = kNone;
   bool lost = false;
   for (const auto& body : bodies_) lost = lost || body->lost[0] != 0;
   for (const auto& robot : robots_) {
     Robot& r = *robot;
     Separation& separation = *r.separation;
     for (std::size_t i = 0; i < r.speeds.size(); ++i) r.speeds[i] = speed_of(r.first + i);
+    const double fastest = *std::ranges::max_element(r.speeds);
+    const bool moves = fastest > Separation::kMoving;
     Separation::Nearest nearest{.margin = kNone};
     collision::Distance apart;
     std::size_t best = r.kept.size();
@@ -202,7 +237,8 @@ void Monitor::keep_separation(double t, double h) {
       const double S_p = separation.distance(figures_, h, link, v_h, v_r);
       const double S_ahead = separation.distance(figures_, h, link, v_h, separation.speed_ahead(figures_, link, v_r));
       constexpr double kSlack = 1e-9;  // so that neither rounding nor what was measured before decides
-      const double most = std::max(nearest.margin + S_p, ahead + S_ahead) + inflation(pair) + kSlack;
+      const double least = moves ? separation.least_while_moving() : -kNone;
+      const double most = std::max({nearest.margin + S_p, ahead + S_ahead, least}) + inflation(pair) + kSlack;
       if (bound > most) return;
       const collision::Distance found = cell_.distance(pair, most, bound);
       const double d = found.d - inflation(pair);
@@ -212,6 +248,7 @@ void Monitor::keep_separation(double t, double h) {
         best = j;
       }
       ahead = std::min(ahead, d - S_ahead);
+      if (d < least) separation.met(d, pair.a);
     };
     // The pair that was the nearest before bounds all others.
     if (r.kept_first < r.kept.size()) look(r.kept_first);
@@ -231,6 +268,14 @@ void Monitor::keep_separation(double t, double h) {
       events_.raise(kCodes[separation.zone()], r.ports.apart.pair[0], t, nearest.margin);
       event_body_ = r.ports.apart.pair[1];
     }
+    if (separation.judge(figures_, h, t, fastest)) {
+      events_.raise(EventCode::kNotStopped, r.ports.apart.pair[0], t, nearest.margin);
+      event_body_ = r.ports.apart.pair[1];
+    }
+    r.ports.late = separation.late();
+    r.ports.least_moving = separation.least_while_moving();
+    all_.late += r.ports.late;
+    all_.least_moving = std::min(all_.least_moving, r.ports.least_moving);
     r.ports.zone = separation.zone();
     r.ports.speed = separation.speed(figures_);
     r.ports.separation = nearest.margin;

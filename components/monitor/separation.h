@@ -26,9 +26,11 @@ struct SeparationFigures {
 ///   slow   d < S_p + band
 /// It goes on where d has been larger by the hysteresis for restart_delay, also with the speeds at which it was when all was clear (slow: with that
 /// share of them). It stops while a body is lost, whose pose or speed is no number.
+/// A stop is late if a point of the robot moves faster than kMoving later than T_r + T_s after it (T_r with the two steps) and before it ends.
 class Separation {
  public:
   enum Zone { kClear, kSlow, kStop };
+  static constexpr double kMoving = 0.01;  // m/s
   /// The pair that has the least d − S_p.
   struct Nearest {
     double margin, S_p = 0;          // m
@@ -48,16 +50,37 @@ class Separation {
   bool update(const SeparationFigures& f, const Nearest& nearest, double margin_ahead, const std::vector<double>& speeds,
               double t, bool lost);
 
+  /// Judges, after update(), whether the robot stops in time: `fastest`: of its points, m/s. True: another stop is late.
+  bool judge(const SeparationFigures& f, double h, double t, double fastest);
+  /// The least distance, m, of a body while the robot moved, so far; kNone: it did not.
+  double least_while_moving() const { return state_[kLeast]; }
+  void met(double d, std::size_t body);
+  std::int32_t late() const { return static_cast<std::int32_t>(state_[kLates]); }
+
   Zone zone() const { return static_cast<Zone>(static_cast<int>(state_[0])); }
   double speed(const SeparationFigures& f) const { return zone() == kStop ? 0 : zone() == kSlow ? f.slow : 1; }
   /// `names`: of the parts.
   void append_note(const std::string& robot, const std::vector<std::string>& names, std::vector<std::string>& notes) const;
 
  private:
-  enum Kept : std::size_t { kZone, kFreeSince, kSlows, kStops = kSlows + 6, kSize = kStops + 6 };
+  enum Kept : std::size_t {
+    kZone,
+    kFreeSince,
+    kSlows,
+    kStops = kSlows + 6,
+    kStopped = kStops + 6,
+    kIsLate,
+    kLates,
+    kWorst,
+    kLeast = kWorst + 3,
+    kNearest,
+    kSize
+  };
   double T_s_ = 0.5, S_s_ = -1, a_r_;
   std::vector<double> shares_, clear_speeds_;
-  /// Zone; since when it could go on, s; how often it was asked to slow down, and the first time: s, link, body, margin, S_p; to stop likewise.
+  /// Zone; since when it could go on, s; how often it was asked to slow down, and the first time: s, link, body, margin, S_p; to stop likewise; when last,
+  /// s; whether that stop is late; how many were; of the fastest of them when, s, how long after the stop, s, and how fast, m/s; least distance while it
+  /// moved, m, and its body.
   std::array<double, kSize> state_{};
 };
 

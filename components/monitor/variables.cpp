@@ -60,6 +60,10 @@ void Monitor::declare_separation(Variables& v) {
     v.output(x + "separation_pair", ports.apart.pair, "this pair: link and body, as in pair; 0: there is none");
     v.output(x + "separation_p_a", ports.apart.p_a, "m", "its nearest point on the inflated robot, in W").discrete();
     v.output(x + "separation_p_b", ports.apart.p_b, "m", "its nearest point on the body, in W").discrete();
+    v.output(x + "stopped_late", ports.late, "stops of " + of + " after which it still moved later than T_r and T_s");
+    v.output(x + "least_while_moving", ports.least_moving, "m",
+             "least distance from these bodies so far while " + of + " moved faster than 10 mm/s; 1e12: it did not")
+        .discrete();
     v.output(x + "separation_points_known", ports.apart.points_known, "1 while these two are on the surfaces, as points_known");
   };
   add(all_, "", robots_.size() == 1 ? "the robot" : "all robots");
@@ -69,7 +73,7 @@ void Monitor::declare_separation(Variables& v) {
     if (!robot->prefix.empty()) add(robot->ports, robot->prefix, of);
     robot->separation->declare(v, robot->prefix, "of " + of);
   }
-  events_.declare(v, "10 clear, 11 slow, 12 stop, 13 a body is lost: its pose or speed is no number",
+  events_.declare(v, "10 clear, 11 slow, 12 stop, 13 a body is lost: its pose or speed is no number, 14 did not stop",
                   "the link, as in pair; 0: nobody is near", "m", "distance less S_p");
   v.output("event_body", event_body_, "of the last event: the body, as in pair; 0: nobody is near");
 }

@@ -7,7 +7,7 @@
 namespace cotwin {
 
 /// What a detector can see, in all units. Codes keep their numbers.
-enum class EventCode : std::int32_t { kNone = 0, kClear = 10, kSlow = 11, kStop = 12, kLost = 13 };
+enum class EventCode : std::int32_t { kNone = 0, kClear = 10, kSlow = 11, kStop = 12, kLost = 13, kNotStopped = 14 };
 
 /// The outputs that every detector has: how much it has seen, and the last of it.
 class EventPorts {

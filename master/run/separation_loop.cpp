@@ -1,6 +1,7 @@
 #include "master/run/separation_loop.h"
 
 #include <algorithm>
+#include <optional>
 #include <set>
 
 #include "master/engine/wiring/trace.h"
@@ -13,6 +14,7 @@ namespace {
 constexpr double kShortStop = 1e-3;  // s
 
 bool is_motion(const Member& member) { return is_unit_of(member.spec, "motion"); }
+bool is_recording(const Member& member) { return is_unit_of(member.spec, "io") && !reaches_outside(member); }
 /// "left" of "cell.left".
 std::string own_name(const Member& member) { return last_part(member.name()); }
 
@@ -110,7 +112,7 @@ class Watch {
       const Member& end = members_[way.origin.member];
       text::append(path, text_of(way.source));
       if (way.source.variable != way.origin.variable) path += " ← " + text_of(way.origin);
-      recorded = recorded && is_unit_of(end.spec, "io") && !reaches_outside(end);
+      recorded = recorded && is_recording(end);
       if (is_motion(end)) {
         movers.insert(way.origin.member);
       } else {
@@ -139,11 +141,12 @@ class Watch {
     note(text);
   }
 
-  /// Joints of one robot keep their order.
+  /// Joints of one robot keep their order, as all units have them.
   void check_order(const Variable& q) {
     for (std::size_t i = 1; i < q.size(); ++i) {
       const auto before = trace_.source(q, i - 1), after = trace_.source(q, i);
-      if (before && after && before->variable == after->variable && after->element <= before->element)
+      if (before && after && before->variable == after->variable && after->element <= before->element &&
+          after->variable->size() == q.size() && is_unit(members_[after->member].spec))
         warn(element_name(members_[monitor_].name(), q, i) + " comes from " +
              element_name(members_[after->member].name(), *after->variable, after->element) +
              ", and the joint before it from " +
@@ -157,7 +160,7 @@ class Watch {
     std::set<std::size_t> of_q, of_dq;
     for (const Way& way : q) of_q.insert(way.origin.member);
     for (const Way& way : dq) of_dq.insert(way.origin.member);
-    const auto known = [&](std::size_t m) { return is_unit(members_[m].spec); };
+    const auto known = [&](std::size_t m) { return is_motion(members_[m]) || is_recording(members_[m]); };
     if (of_q.empty() || of_dq.empty() || of_q == of_dq || !std::ranges::all_of(of_q, known) ||
         !std::ranges::all_of(of_dq, known))
       return;
@@ -165,13 +168,14 @@ class Watch {
          ": expected both of one robot");
   }
 
-  /// Whether the posture is that of another robot: a motion has the name of this one, but others move it.
+  /// Whether the posture is that of another robot: a motion has the name of this one, but that of another robot moves it.
   bool find_exchanged(const std::string& x, const std::set<std::size_t>& movers) {
     const auto is_own = [&](const Member& member) { return is_motion(member) && own_name(member) == robot_of(x); };
     const auto own = std::ranges::find_if(members_, is_own);
-    if (x.empty() || movers.empty() || own == members_.end() ||
-        std::ranges::any_of(movers, [&](std::size_t m) { return is_own(members_[m]); }))
-      return false;
+    const auto moves_other = [&](std::size_t m) {
+      return !is_own(members_[m]) && variables().find(own_name(members_[m]) + ".T_s") != nullptr;
+    };
+    if (x.empty() || movers.empty() || own == members_.end() || !std::ranges::all_of(movers, moves_other)) return false;
     std::string names;
     for (const std::size_t m : movers) text::append(names, members_[m].name());
     warn(robot_of(x) + " watches what " + names + " moves: expected a connection to " + full(x + "q") + " of what " +
@@ -275,7 +279,7 @@ class Watch {
     if (variables().find(b + "lost") == nullptr) return note(name + " moves and does not count: it is not in separation");
     const std::string whose = prefix_of(p->variable->name);
     const Variables& beside = members_[p->member].variables();
-    if (whose != b && beside.find(b + "p") != nullptr)
+    if (whose != b && is_body(p->member, whose) && beside.find(b + "p") != nullptr)
       return warn(full(b + "p") + " comes from " + text_of(*p) + ", though " + members_[p->member].name() + " has " + b +
                   "p: expected a connection from there");
     for (const char* part : {"v", "quat", "w"}) {
@@ -290,11 +294,17 @@ class Watch {
     }
   }
 
+  /// Whether a prefix of a member means a body: in a contact world, or if it is one of the monitor's.
+  bool is_body(std::size_t m, const std::string& prefix) const {
+    return is_unit_of(members_[m].spec, "contact_world") || variables().find(prefix + "p") != nullptr;
+  }
   /// Not of two bodies of one member, or of two contact worlds.
   bool of_one(const OneElement& a, const OneElement& b) const {
-    if (a.member == b.member) return prefix_of(a.variable->name) == prefix_of(b.variable->name);
-    const auto has_bodies = [&](std::size_t m) { return is_unit_of(members_[m].spec, "contact_world"); };
-    return !has_bodies(a.member) || !has_bodies(b.member);
+    const std::string of_a = prefix_of(a.variable->name), of_b = prefix_of(b.variable->name);
+    if (!is_body(a.member, of_a) || !is_body(b.member, of_b)) return true;
+    return a.member == b.member
+               ? of_a == of_b
+               : !is_unit_of(members_[a.member].spec, "contact_world") || !is_unit_of(members_[b.member].spec, "contact_world");
   }
 
   const Scenario& scenario_;
@@ -310,10 +320,11 @@ class Watch {
 SeparationLoop trace_separation(const Scenario& scenario, std::span<const Member> members,
                                 std::span<const ResolvedConnection> links) {
   SeparationLoop found;
-  const Trace trace(members, links);
+  std::optional<Trace> trace;
   for (std::size_t m = 0; m < members.size(); ++m) {
-    if (is_unit_of(members[m].spec, "monitor") && members[m].variables().find("restart_delay") != nullptr)
-      Watch(scenario, members, links, trace, m, found).check();
+    if (!is_unit_of(members[m].spec, "monitor") || members[m].variables().find("restart_delay") == nullptr) continue;
+    if (!trace) trace.emplace(members, links);
+    Watch(scenario, members, links, *trace, m, found).check();
   }
   return found;
 }

@@ -107,7 +107,8 @@ TEST_F(Separations, HaveThreeZonesWithHysteresis) {
   EXPECT_THAT(
       notes,
       ElementsAre("slide was asked to slow down once, at 0.002 s (ball 1.7 m from obstacle, S_p 1.2 m), to stop 2 times, "
-                  "first at 0.005 s (ball 1.05 m from obstacle, S_p 1.05 m)"));
+                  "first at 0.005 s (ball 1.05 m from obstacle, S_p 1.05 m)",
+                  "slide stopped in time in 2 of 2 stops; nearest while it moved: 1.05 m from obstacle"));
 }
 
 // Both at constant speed, and the robot is told a step later: it comes to rest within one step's way beyond C + Z_d + Z_r.
@@ -137,6 +138,48 @@ TEST_F(Separations, ARobotAtConstantSpeedUsesItsDistanceUp) {
       EXPECT_LE(watch.real("distance"), 0.1 + (0.8 + walks) * h + 1e-6) << h << " " << walks;
     }
   }
+}
+
+// The verdict of the monitor, and one of its inputs and outputs as they would be recorded.
+TEST_F(Separations, StopsThatComeLateAreToldExactlyWhereTheRobotMovesTooLong) {
+  folder_.write("line.csv", "t,q1,q2,q3\n0,0,0,0\n1,0.8,0,0\n2,1.6,0,0\n3,2.4,0,0\n4,3.2,0,0\n5,4,0,0\n6,4.8,0,0\n");
+  int late = 0, in_time = 0;
+  for (const double h : {0.001, 0.004, 0.04}) {
+    for (const double longer : {-0.1, 0.0, 0.0005, 0.002, 0.004, 0.006, 0.01, 0.05, 0.1, 0.3, 1.0}) {
+      UnitSubject motion = unit("unit:motion?robot=@slide.urdf&kind=csv&override=true");
+      motion.set("file", (folder_.path() / "line.csv").string()).set("speed_ramp", Values{0.4 + longer});
+      UnitSubject watch = monitor("robot=@slide.urdf&scene=@ball.sdf&separation=all&ignore=hand:obstacle");
+      watch.set("a_r", "0").set("T_r", "0").set("T_s", "0.4").set("v_h", "0").set("C", "0.1").set("slow_band", "0");
+      const auto observe = [&] {
+        watch.set("q", motion.values("q_d")).set("dq", motion.values("dq_d")).set("obstacle.p", Values{4, 0, 0});
+      };
+      motion.initialise();
+      observe();
+      watch.initialise();
+      double stopped = kNone, worst = 0, nearest = kNone;
+      for (double t = 0; t < 6; t += h) {
+        motion.set("speed", Values{watch.real("speed")});
+        motion.step(h);
+        observe();
+        watch.step(h);
+        const double v = motion.values("dq_d")[0];
+        if (watch.integer("zone") == 2) stopped = std::min(stopped, motion.now());
+        if (v > 0.01) nearest = std::min(nearest, watch.real("distance"));
+        if (motion.now() - stopped > 0.4 + 2 * h + 1e-9 && v > 0.01) worst = std::max(worst, v);
+      }
+      EXPECT_EQ(watch.integer("stopped_late"), worst > 0 ? 1 : 0) << h << " " << longer;
+      EXPECT_NEAR(watch.real("least_while_moving"), nearest, 1e-9);
+      EXPECT_EQ(watch.integer("event_code"), worst > 0 ? 14 : 12);
+      std::vector<std::string> notes;
+      watch.unit().append_notes(notes);
+      ASSERT_EQ(notes.size(), 2U);
+      EXPECT_THAT(notes[1], HasSubstr(worst > 0 ? "slide stopped in time in 0 of 1 stop; at "
+                                                : "slide stopped in time in 1 of 1 stop; nearest"));
+      ++(worst > 0 ? late : in_time);
+    }
+  }
+  EXPECT_GT(late, 10);
+  EXPECT_GT(in_time, 8);
 }
 
 // Whatever the robot does and wherever a person comes from, it is at rest before less than C + Z_d + Z_r is left, and goes on afterwards.
@@ -299,6 +342,8 @@ TEST_F(Separations, GoOnFromASnapshotOfAnyStepWithTheSameBits) {
     for (const char* name : {"separation", "S_p", "speed", "distance", "event_size", "least_distance"})
       ASSERT_EQ(one.real(name), other.real(name)) << name << " " << k;
     ASSERT_EQ(one.integer("event_count"), other.integer("event_count")) << k;
+    ASSERT_EQ(one.real("least_while_moving"), other.real("least_while_moving")) << k;
+    ASSERT_EQ(one.integer("stopped_late"), other.integer("stopped_late")) << k;
   }
   EXPECT_GT(one.integer("event_count"), 50);
 }

@@ -200,6 +200,14 @@ TEST(SeparationLoop, WhoIsMovedByNoMotionIsNotAccused) {
   EXPECT_THAT(found.notes, Contains(HasSubstr("separation of left: record.q; not traced beyond record; T_s 0.5 s")));
 }
 
+// A controller that holds a posture closes a loop in which q and dq come back at different places.
+TEST(SeparationLoop, ARobotThatHoldsItsPostureIsNotAccusedOfAnother) {
+  Cell held("separation=person,trolley", "drive");
+  for (const std::string x : {"q_d", "dq_d", "ddq_d"}) held.cut("controller", x).set("controller", x, "0 0");
+  EXPECT_THAT(warnings_of(held), IsEmpty());
+  EXPECT_THAT(notes_of(held), Contains(AllOf(HasSubstr("separation of left: drive.q"), HasSubstr("not traced beyond"))));
+}
+
 TEST(SeparationLoop, OfBodiesThatAreMixedUpIsTold) {
   EXPECT_THAT(warnings_of(Cell().exchange("monitor", "person.p", "monitor", "trolley.p")),
               ElementsAre(HasSubstr("monitor.person.p comes from floor.trolley.p, though floor has person.p"),
