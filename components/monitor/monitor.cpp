@@ -130,13 +130,15 @@ void Monitor::place_obstacle(std::size_t k) {
 }
 
 /// Brings all parts to the inputs.
-void Monitor::place(Time now) {
+void Monitor::place(Time now, Duration h) {
   check_inputs(now);
   if (cloud_ < bodies_.size()) cell_.parts[cloud_].body.set_ball(cloud_r_);
   for (std::size_t k = 0; k < bodies_.size(); ++k) {
     Body& body = *bodies_[k];
     body.was_lost = body.lost[0] != 0;
-    body.lost[0] = body.kept && !body.pose.is_finite() ? 1 : 0;
+    if (body.kept)
+      body.lost[0] = body.track.take(body.pose.is_finite(), vector3(body.pose.p), vector3(body.pose.v), now.seconds(),
+                                     h.seconds(), figures_.v_max, figures_.restart_delay);
     if (body.comes)
       place_obstacle(k);
     else if (body.lost[0] != 0)  // where it was seen last
@@ -300,9 +302,10 @@ void Monitor::initialise(Time start) {
   for (std::size_t k = 0; k < given_.scene.bodies.size(); ++k) {
     bodies_[k]->pose.set_before(given_.scene.bodies[k].X_WB);
     bodies_[k]->lost = {};
+    bodies_[k]->track.reset();
   }
   event_body_ = 0;
-  place(start);
+  place(start, {});
   std::ranges::fill(motions_, 0.0);
   measure();
   for (std::size_t g = 0; g < groups(); ++g) least_[g] = nearest_[g].d;
@@ -317,7 +320,7 @@ void Monitor::initialise(Time start) {
 void Monitor::restored() { place_static(); }
 
 StepResult Monitor::step(Time now, Duration h) {
-  place(now + h);
+  place(now + h, h);
   find_motions();
   measure();
   sweep();

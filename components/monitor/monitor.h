@@ -50,7 +50,7 @@ class Monitor final : public Unit {
   void declare_separation(Variables& v);
   void check_inputs(Time now) const;
   void place_static();
-  void place(Time now);
+  void place(Time now, Duration h);
   void place_obstacle(std::size_t part);
   void measure();
   void measure(std::size_t pair);

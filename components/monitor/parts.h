@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "components/monitor/separation.h"
+#include "components/monitor/track.h"
 #include "components/unit/surroundings/surroundings.h"
 #include "models/collision/body.h"
 
@@ -68,6 +69,7 @@ struct Body : surroundings::Body {
   bool kept = false;                        // robots keep their distance from it, and stop where it is lost
   bool was_lost = false;                    // in the last step
   std::array<double, 3> lost{};             // state: 1 while it is, how often it was, and when first, s
+  Track track;                              // of a kept one
   std::optional<collision::Body> unscaled;  // of an obstacle
   double present = 1, scale = 1, scale_in_force = 1;
 };

@@ -18,6 +18,10 @@ constexpr double kNever = 1e12;    // s
 
 void SeparationFigures::declare(Variables& v) {
   v.tunable("v_h", v_h, "m/s", "least speed that counts for bodies that move: of a person who may start to walk").range(0, 100);
+  v.tunable("v_max", v_max, "m/s",
+            "largest speed of such a body: where its place changes by more, and by 0.1 m, it is lost for restart_delay, and "
+            "robots stop")
+      .range(1e-3, 1e9);
   v.tunable("T_r", T_r, "s", "reaction time of sensors and control, besides two steps of this unit").range(0, 60);
   v.tunable("C", C, "m", "intrusion distance: how far a part of the body may reach in before it is seen").range(0, 100);
   v.tunable("Z_d", Z_d, "m", "uncertainty of the position of bodies").range(0, 100);
@@ -196,8 +200,9 @@ void Monitor::append_notes(std::vector<std::string>& notes) const {
     robot->separation->append_note(robot->placed->name.empty() ? robot->placed->model.name : robot->placed->name, names, notes);
   for (std::size_t k = 0; k < bodies_.size(); ++k) {
     const std::array<double, 3>& lost = bodies_[k]->lost;
+    bodies_[k]->track.append_note(names[k], notes);
     if (lost[1] > 0)
-      notes.push_back(names[k] + " was lost (its pose or speed was no number) " +
+      notes.push_back(names[k] + " was lost (" + bodies_[k]->track.reason(lost[2]) + ") " +
                       (lost[1] == 1 ? "once, at " : text::to_text(lost[1]) + " times, first at ") + text::to_text(lost[2], 6) +
                       " s" + (lost[0] != 0 ? ", and was so at the end" : ""));
   }
@@ -231,7 +236,8 @@ void Monitor::keep_separation(double t, double h) {
       bound = jumped ? -scene::kInfinity : bound - motions_[pair.a] - motions_[pair.b];
       if (!cell_.parts[pair.a].present) return;
       bound = std::max(bound, bounds_[r.kept[j].pair] + inflation(pair));
-      const double v_h = bodies_[pair.a]->comes ? 0 : std::max(figures_.v_h, speed_of(pair.a)),
+      const double v_h =
+                       bodies_[pair.a]->comes ? 0 : std::max(figures_.v_h, speed_of(pair.a) + bodies_[pair.a]->track.untold()),
                    v_r = r.speeds[pair.b - r.first];
       const std::size_t link = pair.b - r.first;
       const double S_p = separation.distance(figures_, h, link, v_h, v_r);

@@ -10,7 +10,7 @@ namespace cotwin::monitor {
 
 /// Figures of the protective separation distance that hold for all robots (ISO/TS 15066:2016, 5.5.4.2.3; ISO 13855).
 struct SeparationFigures {
-  double v_h = 1.6, T_r = 0.1;                       // m/s, s
+  double v_h = 1.6, v_max = 10, T_r = 0.1;           // m/s, m/s, s
   double C = 0, Z_d = 0, Z_r = 0;                    // m
   double slow = 0.25, band = 0.5, hysteresis = 0.1;  // 1, m, m
   double restart_delay = 0.5;                        // s

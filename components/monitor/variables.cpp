@@ -73,8 +73,9 @@ void Monitor::declare_separation(Variables& v) {
     if (!robot->prefix.empty()) add(robot->ports, robot->prefix, of);
     robot->separation->declare(v, robot->prefix, "of " + of);
   }
-  events_.declare(v, "10 clear, 11 slow, 12 stop, 13 a body is lost: its pose or speed is no number, 14 did not stop",
-                  "the link, as in pair; 0: nobody is near", "m", "distance less S_p");
+  events_.declare(
+      v, "10 clear, 11 slow, 12 stop, 13 a body is lost: its pose or speed is no number, or it jumped, 14 did not stop",
+      "the link, as in pair; 0: nobody is near", "m", "distance less S_p");
   v.output("event_body", event_body_, "of the last event: the body, as in pair; 0: nobody is near");
 }
 
@@ -118,7 +119,9 @@ void Monitor::declare(Variables& v) {
           .range(0, 100);
     }
     if (part.moves) v.state(body.prefix + "before", body.pose.before, "1", "pose at the last step");
-    if (body.kept) v.state(body.prefix + "lost", body.lost, "1", "1 while it is lost, how often it was, and when first, s");
+    if (!body.kept) continue;
+    v.state(body.prefix + "lost", body.lost, "1", "1 while it is lost, how often it was, and when first, s");
+    body.track.declare(v, body.prefix);
   }
   if (separates_) declare_separation(v);
 }

@@ -49,6 +49,7 @@ class Slides : public ::testing::Test {
     folder_.write("ball.sdf", scene(model("obstacle", false, "2 0.5 0 0 0 0", sphere)));
     folder_.write("comes.sdf",
                   scene(model("crate", true, "3 0 0 0 0 0", sphere) + model("person", false, "0 5 0 0 0 0", sphere)));
+    folder_.write("two.sdf", scene(model("one", false, "2 5 0 0 0 0", sphere) + model("other", false, "6 9 0 0 0 0", sphere)));
     folder_.write("crate.sdf", scene(model("crate", true, "3 0 0 0 0 0", "<box><size>0.2 0.4 0.6</size></box>")));
     folder_.write("crates.sdf", scene(model("crate", true, "3 0 0 0 0 0", "<box><size>0.3 0.6 0.9</size></box>")));
   }
