@@ -2,6 +2,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <functional>
 #include <numbers>
@@ -28,6 +29,8 @@ constexpr double kGoodError = 0.01;  // of a joint's torque: no model of frictio
 
 constexpr double kSeenFriction = 0.5;  // of its error
 constexpr double kSureFriction = 10;   // standard deviations; filtered errors are not independent
+
+constexpr std::array<double, Diagnosis::kPresliding> kWidths = {0.003, 0.01, 0.03, 0.1};  // rad, m
 
 constexpr double kReach = 0.25, kSides = 5;  // s, longest lag that is tried; shifts on either side
 
@@ -85,6 +88,7 @@ class Search {
   Fit fit(const Hypothesis& h, std::size_t most) { return log_.fit(h, most); }
   double gained(const std::vector<int>& of, double least, const VectorXd& before, const VectorXd& after) const;
 
+  bool is_confirmed(const Hypothesis& truth, double enough);
   void offer(Finding::Kind kind, const std::vector<int>& joints, double value, const Hypothesis& truth, double enough);
   std::vector<int> driven_by_friction(const Fit& fit) const;
   void look_at_gravity();
@@ -111,6 +115,12 @@ double Search::gained(const std::vector<int>& of, double least, const VectorXd& 
     sum += std::log(std::max(before[j], enough) / std::max(after[j], enough));
   }
   return sum;
+}
+
+/// Whether the score drops by as much with the friction that real joints may have.
+bool Search::is_confirmed(const Hypothesis& truth, double enough) {
+  const VectorXd before = log_.fit(now_, kAll, true).rms;
+  return gained(all_, kGoodError, before, log_.fit(truth, kAll, true).rms) >= enough;
 }
 
 /// Keeps the candidate of its kind with the largest drop of the score.
@@ -175,7 +185,8 @@ void Search::look_at_clock() {
     while (take(best.rate * factor) || take(best.rate / factor)) {
     }
   const double change = std::abs(std::log(best.rate / now_.rate));
-  if (change >= std::log(kLeastRate) && change < std::log(kMostRate) - 0.2)  // not where the search ends
+  if (change >= std::log(kLeastRate) && change < std::log(kMostRate) - 0.2 &&  // not where the search ends
+      is_confirmed(best, kDropOfClock))
     offer(Finding::Kind::kClock, all_, now_.rate / best.rate, best, kDropOfClock);
 }
 
@@ -186,11 +197,23 @@ void Search::look_at_lags() {
       for (const int j : joints) other.shift[static_cast<std::size_t>(j)] = static_cast<int>(k);
       return other;
     };
-    std::vector<double> scores;
-    for (std::size_t k = 0; k < at_.size(); ++k) scores.push_back(fit(later(k), kFew).score);
-    const auto best = static_cast<std::size_t>(std::ranges::min_element(scores) - scores.begin());
+    const auto scores_of = [&](std::size_t most, bool rich) {
+      std::vector<double> scores;
+      for (std::size_t k = 0; k < at_.size(); ++k) scores.push_back(log_.fit(later(k), most, rich).score);
+      return scores;
+    };
+    const auto least = [](const std::vector<double>& scores) {
+      return static_cast<std::size_t>(std::ranges::min_element(scores) - scores.begin());
+    };
     const auto now = static_cast<std::size_t>(now_.shift[static_cast<std::size_t>(joints[0])]);
-    if (best == now) return;
+    std::vector<double> scores = scores_of(kFew, false);
+    const std::size_t plain = least(scores);
+    if (plain == now || !(gained(all_, kGoodError, before_.rms, fit(later(plain), kAll).rms) >= enough)) return;
+    // Friction with hysteresis looks like a lag, and where there is both, like a longer one.
+    std::vector<double> rich = scores_of(kAll, true);
+    const std::size_t best = least(rich);
+    if (best == now || !is_confirmed(later(best), enough)) return;
+    if (best != plain) scores = std::move(rich);
     // Between the times that are kept: the vertex of the parabola through three mean squares.
     double rows = static_cast<double>(at_[best]);
     if (best > 0 && best + 1 < at_.size()) {
@@ -247,7 +270,7 @@ void Search::look_at_signs() {
 }  // namespace
 
 Diagnosis::Diagnosis(const robot::RobotModel& robot, const ModelOptions& options, double step)
-    : robot_(robot), options_(options), n_(robot.joints.size()), step_(step) {
+    : robot_(robot), options_(options), n_(robot.joints.size()), step_(step), z_(kPresliding * n_, 0.0) {
   const double reach = std::max(1.0, std::round(kReach / step)), sides = std::min(kSides, reach);
   for (double k = -sides; k <= sides; ++k) at_.push_back(static_cast<std::size_t>(reach + std::round(k * reach / sides)));
 }
@@ -257,13 +280,21 @@ void Diagnosis::add(std::size_t segment, bool measured, const double* q, const d
   if (segment != segment_) {
     window_.clear();
     measured_.clear();
+    std::ranges::fill(z_, 0.0);
   }
   segment_ = segment;
+  const double* v = dtheta ? dtheta : dq;
+  // It follows the sign of the motion over a width.
+  for (std::size_t k = 0; k < z_.size(); ++k) {
+    const double way = v[k % n_] * step_, end = way < 0 ? -1 : 1;
+    z_[k] = end + (z_[k] - end) * std::exp(-std::abs(way) / kWidths[k / n_]);
+  }
   std::vector<double> row;
-  for (const double* values : {q, dq, ddq, dtheta ? dtheta : dq, ddtheta ? ddtheta : ddq, tau})
-    row.insert(row.end(), values, values + n_);
+  for (const double* values : {q, dq, ddq, v, ddtheta ? ddtheta : ddq, tau}) row.insert(row.end(), values, values + n_);
+  row.insert(row.end(), z_.begin(), z_.end());
   window_.push_back(std::move(row));
   measured_.push_back(measured ? 1 : 0);
+  ++rows_;
   if (window_.size() <= at_.back()) return;
   Kept& k = kept_;
   const std::size_t middle = at_[at_.size() / 2];
@@ -274,8 +305,10 @@ void Diagnosis::add(std::size_t segment, bool measured, const double* q, const d
       to->insert(to->end(), first, first + static_cast<std::ptrdiff_t>(n_));
       from += n_;
     }
-    for (const std::size_t at : at_)
-      k.tau.insert(k.tau.end(), window_[at].end() - static_cast<std::ptrdiff_t>(n_), window_[at].end());
+    const auto z = static_cast<std::ptrdiff_t>(z_.size()), one = static_cast<std::ptrdiff_t>(n_);
+    for (const std::size_t at : at_) k.tau.insert(k.tau.end(), window_[at].end() - z - one, window_[at].end() - z);
+    k.z.insert(k.z.end(), window_[middle].end() - z, window_[middle].end());
+    k.t.push_back(step_ * static_cast<double>(rows_ - 1));
     if (k.q.size() == kMost * n_) {
       every_ *= 2;
       const auto halve = [](std::vector<double>& values, std::size_t width) {
@@ -286,6 +319,8 @@ void Diagnosis::add(std::size_t segment, bool measured, const double* q, const d
       };
       for (std::vector<double>* values : {&k.q, &k.dq, &k.ddq, &k.v, &k.a}) halve(*values, n_);
       halve(k.tau, n_ * at_.size());
+      halve(k.z, z_.size());
+      halve(k.t, 1);
     }
   }
   window_.pop_front();

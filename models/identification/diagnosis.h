@@ -45,10 +45,11 @@ class Diagnosis {
   std::vector<Finding> findings() const;
 
   /// Samples in rows of n values: position, speed, acceleration, speed and acceleration of the motor; torques at several times
-  /// about that of the motion.
+  /// about that of the motion; friction with hysteresis of kPresliding widths, from -1 to 1 (Dahl). And the time, s.
   struct Kept {
-    std::vector<double> q, dq, ddq, v, a, tau;
+    std::vector<double> q, dq, ddq, v, a, tau, z, t;
   };
+  static constexpr std::size_t kPresliding = 4;
 
  private:
   static constexpr std::size_t kMost = 4000;
@@ -58,9 +59,10 @@ class Diagnosis {
   std::size_t n_;
   double step_;
   std::vector<std::size_t> at_;             // rows of the window at which torques are kept, from the earliest on
-  std::deque<std::vector<double>> window_;  // the last rows: n values each of q, q̇, q̈, of the motor, τ
+  std::deque<std::vector<double>> window_;  // the last rows: n values each of q, q̇, q̈, of the motor, τ, z
   std::deque<char> measured_;
-  std::size_t segment_ = 0, seen_ = 0, every_ = 1;
+  std::vector<double> z_;
+  std::size_t segment_ = 0, rows_ = 0, seen_ = 0, every_ = 1;
   Kept kept_;
 };
 

@@ -17,6 +17,8 @@ using Eigen::VectorXd;
 namespace {
 
 constexpr Index kFriction = 4;  // columns of friction: two widths of Coulomb's, with the load, viscous
+constexpr Index kHysteresis = Diagnosis::kPresliding;
+constexpr Index kRich = 6 + kHysteresis;  // viscous and Coulomb's by direction, Stribeck's, quadratic; both by time; hysteresis
 
 }  // namespace
 
@@ -33,8 +35,8 @@ LogFit::LogFit(const robot::RobotModel& robot, const ModelOptions& options, cons
     if (counts(j)) all_.push_back(static_cast<int>(j));
 }
 
-const LogFit::Columns& LogFit::columns_of(const Hypothesis& h, std::size_t most) {
-  Columns& columns = every(most) > 1 ? few_ : whole_;
+const LogFit::Columns& LogFit::columns_of(const Hypothesis& h, std::size_t most, bool rich) {
+  Columns& columns = columns_[(every(most) > 1 ? 0 : 1) + (rich ? 2 : 0)];
   if (columns.every == every(most) && columns.of.moves_alike(h)) return columns;
   robot::RobotModel robot = robot_;
   robot.gravity = h.gravity;
@@ -45,7 +47,8 @@ const LogFit::Columns& LogFit::columns_of(const Hypothesis& h, std::size_t most)
   for (std::size_t j = 0; j < n_; ++j) {
     Index drive = 1;
     if (counts(j))
-      drive = 1 + kFriction + (options_.motor_inertia ? 1 : 0) + (options_.harmonics.empty() ? 0 : 2 * options_.harmonics[j]);
+      drive = 1 + kFriction + (rich ? kRich : 0) + (options_.motor_inertia ? 1 : 0) +
+              (options_.harmonics.empty() ? 0 : 2 * options_.harmonics[j]);
     columns.C.emplace_back(MatrixXd::Zero(rows, b + drive));
   }
   MatrixXd Y(robot.n(), 10 * robot.body_count());
@@ -74,6 +77,15 @@ const LogFit::Columns& LogFit::columns_of(const Hypothesis& h, std::size_t most)
       const double v = value(kept_.v, j), v_R = speed_scale(robot_.joints[j]) * options_.v_R;
       row.segment(b + 1, kFriction) << std::tanh(v / v_R), std::tanh(v / (5 * v_R)), std::abs(g[i]) * std::tanh(v / v_R), v;
       Index next = b + 1 + kFriction;
+      if (rich) {
+        const std::size_t sample = static_cast<std::size_t>(k) * every(most);
+        const double sign = std::tanh(v / v_R), slow = v / (7.5 * v_R), t = kept_.t[sample] / kept_.t.back();
+        row.segment(next, kRich - kHysteresis) << std::abs(v), std::abs(sign), sign * std::exp(-slow * slow), v * std::abs(v),
+            t * sign, t * v;
+        next += kRich - kHysteresis;
+        const double* z = &kept_.z[(sample * Diagnosis::kPresliding) * n_ + static_cast<std::size_t>(h.joint[j])];
+        for (std::size_t width = 0; width < Diagnosis::kPresliding; ++width) row[next++] = z[width * n_];
+      }
       if (options_.motor_inertia) row[next++] = h.rate * h.rate * value(kept_.a, j);
       for (int harmonic = 1; next < row.size(); ++harmonic) {
         row[next++] = std::sin(harmonic * q[i]);
@@ -100,9 +112,9 @@ std::vector<VectorXd> LogFit::torques_of(const Hypothesis& h, std::size_t most) 
   return torques;
 }
 
-Fit LogFit::fit(const Hypothesis& h, std::size_t most) {
+Fit LogFit::fit(const Hypothesis& h, std::size_t most, bool rich) {
   constexpr int kPasses = 6;
-  const Columns& columns = columns_of(h, most);
+  const Columns& columns = columns_of(h, most, rich);
   const std::vector<VectorXd> torques = torques_of(h, most);
   const auto b = static_cast<Index>(base_.size()), joints = static_cast<Index>(n_);
   std::vector<Index> first;

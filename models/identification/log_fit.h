@@ -1,5 +1,6 @@
 #pragma once
 #include <Eigen/Core>
+#include <array>
 #include <cstddef>
 #include <vector>
 
@@ -41,8 +42,10 @@ class LogFit {
   const std::vector<int>& joints() const { return all_; }      // that count: neither passive nor at rest
   const Eigen::VectorXd& moments() const { return moments_; }  // of the URDF: base parameters, 0 but for those of gravity
 
-  /// Weighted least squares of all joints' torques over at most `most` samples: each joint is weighted by its own error.
-  Fit fit(const Hypothesis& h, std::size_t most);
+  /// Weighted least squares of all joints' torques over at most `most` samples: each joint is weighted by its own error. `rich`:
+  /// with columns of friction that real joints may have, which changes with direction, load, time and the way since the motion
+  /// turned. Damage that they explain, too, is none.
+  Fit fit(const Hypothesis& h, std::size_t most, bool rich = false);
   /// n: RMS errors of feasible least squares about the URDF on all samples. Where the motion excites little, a wrong hypothesis
   /// may fit better, too, with masses that cannot exist.
   Eigen::VectorXd errors_of_possible(const Hypothesis& h) const;
@@ -60,7 +63,7 @@ class LogFit {
   std::size_t samples() const { return kept_.q.size() / n_; }
   std::size_t every(std::size_t most) const { return (samples() + most - 1) / most; }
   std::size_t count(std::size_t most) const { return (samples() + every(most) - 1) / every(most); }
-  const Columns& columns_of(const Hypothesis& h, std::size_t most);
+  const Columns& columns_of(const Hypothesis& h, std::size_t most, bool rich);
   std::vector<Eigen::VectorXd> torques_of(const Hypothesis& h, std::size_t most) const;
 
   const robot::RobotModel& robot_;
@@ -69,7 +72,7 @@ class LogFit {
   std::size_t n_, times_;
   std::vector<int> base_, all_;  // columns of the regressor; joints that count
   Eigen::VectorXd moments_;
-  Columns few_, whole_;
+  std::array<Columns, 4> columns_;  // of few samples and of all; the same, rich
 };
 
 }  // namespace cotwin::identification

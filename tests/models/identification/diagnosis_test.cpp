@@ -72,6 +72,35 @@ TEST(Diagnosis, AccusesNoUndamagedLog) {
   EXPECT_EQ(robots, 200);
 }
 
+/// Friction as real joints have it: hysteresis (Dahl) of other widths than those of the diagnosis, Stribeck's peak, more in one
+/// direction, and less of it as the joint warms up.
+void add_rich_friction(Samples& s, bool warms) {
+  for (std::size_t j = 0; j < s.joints; ++j) {
+    const double width = 0.004 * std::pow(1.5, static_cast<double>(j)), coulomb = 6 - 0.8 * static_cast<double>(j);
+    double z = 0;
+    for (std::size_t k = 0; k < s.count(); ++k) {
+      const std::size_t i = k * s.joints + j;
+      const double v = s.dq[i], end = v < 0 ? -1 : 1, warm = warms ? 0.75 + 0.25 * std::exp(-s.t[k] / 3) : 1;
+      for (int part = 0; part < 20; ++part) z += std::abs(v) * kStep / 20 / width * (end - z);
+      const double peak = 1 + 0.5 * std::exp(-std::pow(v / 0.15, 2)), side = z > 0 ? 1.05 : 0.95;
+      s.tau[i] += warm * (coulomb * z * peak * side + 3 * v / (1 + std::abs(v)));
+    }
+  }
+}
+
+TEST(Diagnosis, TakesFrictionWithHysteresisForNoLagAndFindsALagBesideIt) {
+  for (std::uint32_t stream = 0; stream < 3; ++stream) {
+    SCOPED_TRACE(stream);
+    Samples s = log_of(lwr(), 0.3, stream);
+    add_rich_friction(s, stream % 2 == 1);
+    EXPECT_THAT(kinds(findings(lwr(), s)), IsEmpty());
+    delay(s, 5, {0, 1, 2, 3, 4, 5, 6});
+    const std::vector<Finding> late = findings(lwr(), s);
+    ASSERT_THAT(kinds(late), ElementsAre(Kind::kLag));
+    EXPECT_NEAR(late[0].value, 0.05, 0.03);
+  }
+}
+
 TEST(Diagnosis, FindsTheDirectionOfGravity) {
   for (const double degrees : {10.0, 90.0, 180.0}) {
     SCOPED_TRACE(degrees);
