@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
-#include <span>
 
 #include "models/foundation/support/text.h"
 #include "models/robot/urdf/urdf_document.h"
@@ -69,6 +68,36 @@ std::string signs(const Settings& settings, const Data& data, const identificati
          list + " or --q-scale";
 }
 
+/// The torque limit of a joint, N.m (prismatic: N); 0 where it is none, or a placeholder.
+double limit_of(const Data& data, std::size_t joint) {
+  constexpr double kPlaceholder = 30;  // times the largest torque
+  const measurement::JointSurvey& survey = data.survey.joints[joint];
+  const double limit = data.robot.joints[joint].tau_max;
+  return limit <= kPlaceholder * std::max(std::abs(survey.tau_min), std::abs(survey.tau_max)) ? limit : 0;
+}
+
+/// Smaller errors are no alarm, N.m (prismatic: N).
+double error_that_matters(const Data& data, std::size_t joint) {
+  constexpr double kOfLimit = 0.02, kOfTorque = 0.1;
+  const double limit = limit_of(data, joint);
+  return limit > 0 ? kOfLimit * limit : kOfTorque * data.survey.joints[joint].tau_rms;
+}
+
+/// ", 0.4 % of the limit", where there is one.
+std::string of_limit(const Data& data, std::size_t joint, double error) {
+  const double limit = limit_of(data, joint);
+  return limit > 0 ? ", " + digits(100 * error / limit, 2) + " % of the limit" : "";
+}
+
+bool matters(const Data& data, const identification::Finding& finding) {
+  if (finding.kind != Kind::kLag || finding.joints.size() != 1) return true;
+  return finding.before[finding.joints.front()] > error_that_matters(data, static_cast<std::size_t>(finding.joints.front()));
+}
+
+std::string late(const identification::Finding& finding) {
+  return (finding.value > 0 ? "late by " : "early by ") + digits(1e3 * std::abs(finding.value)) + " ms";
+}
+
 std::string sentence(const Settings& settings, const Data& data, const identification::Finding& finding) {
   switch (finding.kind) {
     case Kind::kGravity:
@@ -100,12 +129,13 @@ std::string sentence(const Settings& settings, const Data& data, const identific
 std::vector<std::string> evidence(const Settings& settings, const Data& data) {
   std::vector<std::string> sentences = data.survey.damage;
   for (const identification::Finding& finding : data.findings)
-    sentences.push_back(settings.data.front().string() + ": " + sentence(settings, data, finding));
+    if (matters(data, finding)) sentences.push_back(settings.data.front().string() + ": " + sentence(settings, data, finding));
   return sentences;
 }
 
-Verdict verdict_of(const Data& data, const Evaluation& evaluation, std::size_t candidate, std::size_t joint) {
-  constexpr double kWorse = 1.02, kHeldBack = 1.5, kMatters = 0.02, kGood = 0.1, kFair = 0.3;  // the last three of the torque
+Verdict verdict_of(const Data& data, const Evaluation& evaluation, const BoundsCost& bounds, std::size_t candidate,
+                   std::size_t joint) {
+  constexpr double kWorse = 1.02, kHeldBack = 1.5, kHelps = 0.95, kGood = 0.1, kFair = 0.3;  // the last two of the torque
   const robot::Joint& of = data.robot.joints[joint];
   if (!data.survey.moves(joint)) return {false, of.name + ": stands still, not judged"};
   const auto i = static_cast<Eigen::Index>(joint);
@@ -118,72 +148,28 @@ Verdict verdict_of(const Data& data, const Evaluation& evaluation, std::size_t c
   if (known && !of.passive && error > kWorse * torque)
     return {true, says + ", expected below the torque itself, " + newtons(torque)};
   if (known && error > kWorse * prior) return {true, says + ", expected below that of the prior, " + newtons(prior)};
-  if (known && error > kHeldBack * floor && before > kHeldBack * floor_before && error > kMatters * torque)
+  const bool held_back = known && error > kHeldBack * floor && before > kHeldBack * floor_before;
+  if (held_back && error > error_that_matters(data, joint)) {
+    const double wider = bounds.with_all.size() > 0 ? bounds.with_all[i] : error;
     return {true, says + " (training " + newtons(before) +
                       "), expected at most 1.5 times that of unconstrained least squares, " + newtons(floor) + " (" +
-                      newtons(floor_before) +
-                      "): no robot within the bounds has these torques; a sign, the order of columns, or a bound?"};
+                      newtons(floor_before) + "): no robot within the bounds has these torques, " +
+                      (wider <= kHeldBack * floor ? "with all bounds wider it is " + newtons(wider)
+                                                  : "nor with all bounds wider; a sign, or the order of columns?")};
+  }
   const double share = torque > 0 ? error / torque : 0;
-  const char* word = share <= kGood ? "good" : share <= kFair ? "fair" : "poor";
+  std::string word = share <= kGood && !held_back ? "good" : share <= kFair ? "fair" : "poor", at;
+  if (bounds.with_bodies.size() > 0 && bounds.with_bodies[i] < kHelps * error) at = "at a bound, see " + bounds.options;
+  if (bounds.with_friction.size() > 0 && bounds.with_friction[i] < kHelps * error)
+    text::append(at, "at a bound of friction: " + bounds.friction);
+  if (!at.empty()) word = word == "good" ? at : word + ", " + at;
+  if (held_back) word += of_limit(data, joint, error);
+  for (const identification::Finding& finding : data.findings)
+    if (!matters(data, finding) && finding.joints.front() == static_cast<int>(joint))
+      word += ", " + late(finding) + of_limit(data, joint, finding.before[i]);
   return {false, says + " of " + newtons(torque) + " (" + digits(100 * share, 2) + " %), " +
                      digits(error / std::max(floor, 1e-300)) +
                      " times that of unconstrained least squares: " + (known ? word : "nothing was held out, not judged")};
-}
-
-std::vector<std::string> bounds_of(const Settings& settings, const Data& data, const identification::Problem& problem,
-                                   const identification::FeasibleResult& solution, const Hooks& hooks) {
-  constexpr double kMatters = 0.01;  // of the weighted RMS
-  using Bound = identification::ActiveBound::Kind;
-  using B = identification::Bounds;
-  const identification::Bounds& b = settings.bounds;
-  const auto speeds = [](double from, double to) { return " (" + digits(from) + " to " + digits(to) + " rad/s)"; };
-  struct Wider {
-    Bound kind;
-    std::string name, option;
-    double B::*most;
-    double factor;
-    double B::*least = nullptr;
-    std::string of = {};
-  };
-  std::vector<Wider> kinds = {
-      {Bound::kMass, "mass (" + digits(b.mass_factor) + " times the URDF's)", "--mass-factor ", &B::mass_factor, 10},
-      {Bound::kStretch, "stretch of the mass distribution (" + digits(b.stretch_factor) + ")", "--stretch-factor ",
-       &B::stretch_factor, 10},
-      {Bound::kShear, "shear of the mass distribution (" + digits(b.shear) + ")", "--shear ", &B::shear, 3},
-      {Bound::kShift, "shift of the centre of mass (" + digits(b.shift) + ")", "--shift ", &B::shift, 3},
-      {Bound::kVR, "v_R" + speeds(b.v_R_min, b.v_R_max), "up to ", &B::v_R_max, 10, &B::v_R_min},
-      {Bound::kVS, "v_S" + speeds(b.v_S_min, b.v_S_max), "up to ", &B::v_S_max, 10, &B::v_S_min},
-      {Bound::kS, "s" + speeds(-b.s_max, b.s_max), "up to ", &B::s_max, 10}};
-  for (const identification::ActiveBound& bound : problem.active_bounds(solution.xi))
-    for (Wider& kind : kinds)
-      if (kind.kind == bound.kind) text::append(kind.of, bound.of);
-  std::erase_if(kinds, [](const Wider& kind) { return kind.of.empty(); });
-  if (kinds.empty()) return {};
-  const auto rms_with = [&](std::span<const Wider> widened) {
-    identification::ProblemOptions options = problem_options(settings);
-    options.sigma = problem.sigma();
-    for (const Wider& kind : widened) {
-      options.bounds.*kind.most *= kind.factor;
-      if (kind.least != nullptr) options.bounds.*kind.least /= kind.factor;
-    }
-    identification::FeasibleOptions feasible;
-    feasible.stop = hooks.stop;
-    return identification::solve_feasible(identification::Problem(data.training->data, data.robot, options), feasible)
-        .weighted_rms;
-  };
-  const std::string now = ": weighted RMS " + digits(solution.weighted_rms, 5) + ", with ";
-  std::vector<std::string> sentences;
-  const double all = rms_with(kinds);
-  const bool matter = all < (1 - kMatters) * solution.weighted_rms;
-  for (std::size_t k = 0; k < kinds.size(); ++k) {
-    const Wider& kind = kinds[k];
-    const double rms = matter && kinds.size() > 1 ? rms_with(std::span(kinds).subspan(k, 1)) : all;
-    sentences.push_back(kind.name + ", of " + kind.of + ", is at its bound" + now +
-                        (matter ? kind.option + digits(b.*kind.most * kind.factor) : "all bounds wider") + " " +
-                        digits(rms, 5));
-  }
-  if (matter && kinds.size() > 1) sentences.push_back("together" + now + "all of these " + digits(all, 5));
-  return sentences;
 }
 
 std::string moving_mass(const Data& data, const identification::Floor& floor) {

@@ -212,9 +212,10 @@ void write_excitation(std::ostream& out, const Result& result) {
       << excitation.rank << " of " << excitation.unknowns << " unknowns (" << excitation.structural
       << " base parameters, the others friction and motors); condition number " << number(excitation.condition)
       << " of the regressor with columns of unit length.\n\n";
-  if (!result.bounds.empty()) out << "Bounds at which feasible least squares stands, and what it reaches with wider ones:\n\n";
-  for (const std::string& bound : result.bounds) out << "* " << bound << '\n';
-  if (!result.bounds.empty()) out << '\n';
+  const std::vector<std::string>& bounds = result.bounds.sentences;
+  if (!bounds.empty()) out << "Bounds at which feasible least squares stands, and what it reaches with wider ones:\n\n";
+  for (const std::string& bound : bounds) out << "* " << bound << '\n';
+  if (!bounds.empty()) out << '\n';
   Table joints({"joint", "σ, N·m (its weight is 1/σ²)", "rank", "of unknowns"});
   for (std::size_t j = 0; j < result.floor.joint_rank.size(); ++j) {
     joints.row({row_name(result.robot.joints[j]), number(at(result.floor.sigma, j)), std::to_string(result.floor.joint_rank[j]),
@@ -430,7 +431,7 @@ std::string figures_json(const Settings& settings, const Data& data, const Resul
   }
   object["warnings"] = result.warnings;
   object["verdicts"] = result.verdicts;
-  object["bounds"] = result.bounds;
+  object["bounds"] = result.bounds.sentences;
   object["findings"] = findings_json(data);
   return object.dump(1) + "\n";
 }

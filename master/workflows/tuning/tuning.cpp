@@ -88,9 +88,10 @@ void choose_tuned(const Settings& settings, Result& result) {
 /// Evidence, verdicts, alarms and warnings.
 void judge(const Settings& settings, const Data& data, Result& result) {
   result.evidence = evidence(settings, data);
+  if (!result.bounds.alarm.empty()) result.evidence.push_back(result.bounds.alarm);
   result.alarms = result.evidence;
   for (std::size_t j = 0; j < data.robot.joints.size(); ++j) {
-    const Verdict verdict = verdict_of(data, result.evaluation, result.tuned, j);
+    const Verdict verdict = verdict_of(data, result.evaluation, result.bounds, result.tuned, j);
     result.verdicts.push_back(verdict.sentence);
     if (verdict.alarm) result.alarms.push_back(verdict.sentence);
   }
@@ -145,7 +146,7 @@ Result tune(const Settings& settings, const Run& run, const Hooks& hooks, const 
     if (!feasible.interrupted || settings.method == Method::kFeasible) {
       result.candidates.push_back({"feasible", feasible.estimate});
       result.feasible_rms = feasible.weighted_rms;
-      if (!feasible.interrupted) result.bounds = bounds_of(settings, data, problem, feasible, hooks);
+      if (!feasible.interrupted) result.bounds = cost_of_bounds(settings, data, problem, feasible, hooks);
     }
   }
   result.candidates.push_back({"floor", problem.floor_estimate()});

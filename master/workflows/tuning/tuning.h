@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "master/workflows/tuning/bounds.h"
 #include "master/workflows/tuning/data.h"
 #include "master/workflows/tuning/evaluation.h"
 #include "master/workflows/tuning/resume.h"
@@ -31,10 +32,10 @@ struct Result {
   double deviation_factor = 1;  // on the deviations of `excitation`, because filtered errors are not independent
   double prior_rms = 0, swarm_rms = 0, feasible_rms = 0, floor_rms = 0;  // weighted, on the training part
   std::optional<SwarmRun> swarm;
-  std::vector<std::string> evidence;  // sentences: what is wrong with the log
+  std::vector<std::string> evidence;  // sentences: what is wrong with the log, or with a bound
   std::vector<std::string> verdicts;  // a sentence per joint
-  std::vector<std::string> alarms;    // the evidence, and verdicts that speak against the result
-  std::vector<std::string> bounds;    // sentences: bounds at which feasible least squares stands
+  std::vector<std::string> alarms;    // the evidence, a bound that matters, and verdicts that speak against the result
+  BoundsCost bounds;                  // at which feasible least squares stands
   std::vector<std::string> warnings;  // of robot, log, motion and result
   std::string chosen;                 // the reason if the written robot is not that of the swarm; else empty
   robot::RobotModel robot;            // tuned; the prior for Method::kLeastSquares, whose bodies are not physical

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <deque>
 #include <sstream>
 
 #include "models/foundation/support/text.h"
@@ -20,6 +21,7 @@ using cotwin::testing::content;
 using cotwin::testing::RunResult;
 using cotwin::testing::TunedRobot;
 using ::testing::HasSubstr;
+using ::testing::Not;
 using Values = std::vector<double>;
 
 const TunedRobot& robot() {
@@ -210,13 +212,55 @@ TEST(TuneAlarm, MassesFarFromTheUrdfAreToldAndTheBoundThatHoldsThem) {
     body.inertia.I_CC *= 8;
   }
   robot().log.write(robot().folder / "heavy.csv", heavy);
-  const std::string tune =
-      "tune --robot prior.urdf --data heavy.csv --method feasible --cutoff 5 --quiet --accept-result --out heavy --overwrite";
-  const RunResult bound = run(tune);
-  EXPECT_THAT(bound.err, HasSubstr("warning: moving mass "));
-  EXPECT_THAT(content(robot().folder / "heavy/report.md"), HasSubstr("--mass-factor 50"));
-  EXPECT_THAT(run(tune + " --mass-factor 50").err, HasSubstr(": good"));
-  EXPECT_EQ(robot().figures("heavy")["settings"]["mass_factor"], 50);
+  for (const std::string method : {"feasible", "swarm --rounds 5", "least-squares"}) {
+    SCOPED_TRACE(method);
+    const std::string tune =
+        "tune --robot prior.urdf --data heavy.csv --cutoff 5 --quiet --out heavy --overwrite --method " + method;
+    const RunResult bound = run(tune);
+    EXPECT_THAT(bound.err, HasSubstr("warning: moving mass "));
+    if (method == "least-squares") {  // has no bounds
+      EXPECT_EQ(bound.code, 0) << bound.err;
+      continue;
+    }
+    EXPECT_EQ(bound.code, 1);
+    const std::string alarm = "is at its bound (5 times the URDF's): --mass-factor 10 lowers the weighted RMS from ";
+    EXPECT_THAT(bound.err, HasSubstr(alarm));
+    EXPECT_THAT(bound.err, HasSubstr("at a bound, see --mass-factor"));
+    EXPECT_THAT(content(robot().folder / "heavy/report.md"), HasSubstr(alarm));
+    EXPECT_THAT(content(robot().folder / "heavy/report.md"), HasSubstr("with --mass-factor 50"));
+    EXPECT_EQ(robot().figures("heavy")["alarms"][0].get<std::string>().substr(0, 5), "mass ");
+    const RunResult wider = run(tune + " --mass-factor 10");
+    EXPECT_EQ(wider.code, 0) << wider.err;
+    EXPECT_THAT(wider.err, Not(HasSubstr("bound")));
+    EXPECT_LT(robot().figures("heavy")["weighted_rms"]["feasible"], 1.05);
+  }
+}
+
+// 0.2 s of one joint: a lag that is found, though its error is small against the limit of the joint.
+TEST(TuneAlarm, ErrorsThatDoNotMatterAreToldWithoutAnAlarm) {
+  std::string urdf = content(robot().folder / "prior.urdf");
+  const auto tuned = [&](const std::string& effort) {
+    std::string with = urdf;
+    const std::size_t at = with.find("effort=\"", with.find("<joint name=\"joint_6\"")) + 8;
+    with.replace(at, with.find('"', at) - at, effort);
+    std::ofstream(robot().folder / "limit.urdf") << with;
+    std::deque<double> before(20, 0.0);
+    robot().log.write(robot().folder / "late.csv", robot().truth, [&](std::size_t row, std::vector<double>& cells) {
+      if (row == 0) std::ranges::fill(before, cells[13]);
+      before.push_back(cells[13]);
+      cells[13] = before.front();
+      before.pop_front();
+    });
+    return run("tune --robot limit.urdf --data late.csv --method feasible --cutoff 5 --quiet --overwrite --out late");
+  };
+  const RunResult small = tuned("60");
+  EXPECT_EQ(small.code, 0) << small.err;
+  EXPECT_THAT(small.err, ::testing::ContainsRegex("joint_6: held-out error .*late by [0-9.]+ ms, [0-9.]+ % of the limit"));
+  for (const char* effort : {"0.5", "0", "1e5"}) {  // a small joint, and two placeholders
+    const RunResult told = tuned(effort);
+    EXPECT_EQ(told.code, 1) << effort;
+    EXPECT_THAT(told.err, HasSubstr("torques of joint_6 that come ")) << effort;
+  }
 }
 
 TEST(TuneAlarm, TheFeasibleRobotIsWrittenIfTheSwarmIsFarFromIt) {
