@@ -45,8 +45,9 @@ void Separation::declare(Variables& v, const std::string& x, const std::string& 
   v.state(x + "clear_speeds", clear_speeds_, "m/s", "of base and links, when the robot was slowed last");
   v.state(x + "separation_state", state_, "1",
           "zone; since when it could go on, s; how often slowed, and first: s, link, body, margin, S_p; stopped likewise; last "
-          "stop, s; "
-          "whether it is late; late stops; the worst: s, s after the stop, m/s; least distance while moving, m, and its body");
+          "stop, s, "
+          "and T_r + T_s then, s; whether it was judged; judged stops; whether it is late; late stops; the worst: s, s after "
+          "the stop, m/s; least distance while moving, m, and its body");
 }
 
 void Separation::reset() {
@@ -80,7 +81,7 @@ bool Separation::update(const SeparationFigures& f, const Nearest& nearest, doub
   if (before == kClear) clear_speeds_ = speeds;
   state_[kZone] = next;
   since = kNever;
-  if (next == kStop) state_[kStopped] = t, state_[kIsLate] = 0;
+  if (next == kStop) state_[kStopped] = t, state_[kLimit] = f.T_r + T_s_, state_[kIsJudged] = state_[kIsLate] = 0;
   if (next > before) {
     const std::size_t at = next == kStop ? kStops : kSlows;
     if (state_[at]++ == 0) {
@@ -97,10 +98,13 @@ void Separation::met(double d, std::size_t body) {
   state_[kNearest] = static_cast<double>(body);
 }
 
-bool Separation::judge(const SeparationFigures& f, double h, double t, double fastest) {
+bool Separation::judge(double h, double t, double fastest) {
   constexpr double kRounding = 1e-9;  // s
   const double after = t - state_[kStopped];
-  if (zone() != kStop || !(fastest > kMoving) || !(after > f.T_r + 2 * h + T_s_ + kRounding)) return false;
+  if (zone() != kStop || !(after > state_[kLimit] + 2 * h + kRounding)) return false;
+  if (state_[kIsJudged] == 0) ++state_[kJudged];
+  state_[kIsJudged] = 1;
+  if (!(fastest > kMoving)) return false;
   const bool first = state_[kIsLate] == 0;
   if (first) ++state_[kLates];
   state_[kIsLate] = 1;
@@ -123,8 +127,10 @@ void Separation::append_note(const std::string& robot, const std::vector<std::st
   if (!note.empty()) notes.push_back(robot + " was " + note);
   const double stops = state_[kStops];
   if (stops == 0) return;
-  note = robot + " stopped in time in " + text::to_text(stops - state_[kLates]) + " of " +
+  const double judged = state_[kJudged];
+  note = robot + " stopped in time in " + text::to_text(judged - state_[kLates]) + " of " +
          text::counted(static_cast<std::int64_t>(stops), "stop");
+  if (judged < stops) note += ", " + text::to_text(stops - judged) + " not judged (stop or run ended before T_r + T_s)";
   if (late() > 0)
     note += "; at " + text::to_text(state_[kWorst], 6) + " s it still moved at " + text::to_text(state_[kWorst + 2], 3) +
             " m/s, " + text::to_text(state_[kWorst + 1], 3) + " s after the stop";
@@ -254,7 +260,7 @@ void Monitor::keep_separation(double t, double h) {
         best = j;
       }
       ahead = std::min(ahead, d - S_ahead);
-      if (d < least) separation.met(d, pair.a);
+      if (d < least && bodies_[pair.a]->lost[0] == 0) separation.met(d, pair.a);
     };
     // The pair that was the nearest before bounds all others.
     if (r.kept_first < r.kept.size()) look(r.kept_first);
@@ -274,7 +280,7 @@ void Monitor::keep_separation(double t, double h) {
       events_.raise(kCodes[separation.zone()], r.ports.apart.pair[0], t, nearest.margin);
       event_body_ = r.ports.apart.pair[1];
     }
-    if (separation.judge(figures_, h, t, fastest)) {
+    if (separation.judge(h, t, fastest)) {
       events_.raise(EventCode::kNotStopped, r.ports.apart.pair[0], t, nearest.margin);
       event_body_ = r.ports.apart.pair[1];
     }

@@ -51,7 +51,7 @@ class Separation {
               double t, bool lost);
 
   /// Judges, after update(), whether the robot stops in time: `fastest`: of its points, m/s. True: another stop is late.
-  bool judge(const SeparationFigures& f, double h, double t, double fastest);
+  bool judge(double h, double t, double fastest);
   /// The least distance, m, of a body while the robot moved, so far; kNone: it did not.
   double least_while_moving() const { return state_[kLeast]; }
   void met(double d, std::size_t body);
@@ -69,6 +69,9 @@ class Separation {
     kSlows,
     kStops = kSlows + 6,
     kStopped = kStops + 6,
+    kLimit,
+    kIsJudged,
+    kJudged,
     kIsLate,
     kLates,
     kWorst,
@@ -79,7 +82,7 @@ class Separation {
   double T_s_ = 0.5, S_s_ = -1, a_r_;
   std::vector<double> shares_, clear_speeds_;
   /// Zone; since when it could go on, s; how often it was asked to slow down, and the first time: s, link, body, margin, S_p; to stop likewise; when last,
-  /// s; whether that stop is late; how many were; of the fastest of them when, s, how long after the stop, s, and how fast, m/s; least distance while it
+  /// s; T_r + T_s then, s; whether that stop was judged; how many were; whether it is late; how many were; of the fastest of them when, s, how long after the stop, s, and how fast, m/s; least distance while it
   /// moved, m, and its body.
   std::array<double, kSize> state_{};
 };

@@ -9,13 +9,13 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr double kLongAgo = 1e12;                // s
-constexpr double kRounding = 1e-9;               // s
-constexpr double kWindow = 0.2, kApart = 0.02;   // s
-constexpr double kNoise = 0.1, kFarthest = 1e6;  // m
-constexpr double kInexact = 0.1, kLeast = 0.01;  // 1, m: of v, that count for nothing
-constexpr double kTold = 0.1;                    // s: of more than kMuch
-constexpr double kMuch = 0.1;                    // m/s
+constexpr double kLongAgo = 1e12;                            // s
+constexpr double kRounding = 1e-9;                           // s
+constexpr double kWindow = 0.2, kApart = 0.02, kRarest = 1;  // s
+constexpr double kNoise = 0.1, kFarthest = 1e6;              // m
+constexpr double kInexact = 0.1, kLeast = 0.01;              // 1, m: of v, that count for nothing
+constexpr double kTold = 0.1;                                // s: of more than kMuch
+constexpr double kMuch = 0.1;                                // m/s
 
 }  // namespace
 
@@ -38,6 +38,11 @@ double* Track::entry(std::size_t back) {
   return &state_[kRing + kEntry * ((newest + kEntries - back) % kEntries)];
 }
 
+/// The time before an entry, s.
+double Track::gap(std::size_t back) {
+  return static_cast<double>(back) + 1 < state_[kCount] ? entry(back)[0] - entry(back + 1)[0] : 0;
+}
+
 /// Whether the place p, finite, is a jump.
 bool Track::jumps(const Vector3d& p, double t, double window, double v_max) {
   const double way = (p - place()).norm(), since = t - state_[kChanged];
@@ -55,13 +60,14 @@ bool Track::jumps(const Vector3d& p, double t, double window, double v_max) {
 void Track::compare(const Vector3d& p, double t, double window) {
   const auto count = static_cast<std::size_t>(state_[kCount]);
   const double* from = nullptr;
-  for (std::size_t k = 0; k < count; ++k) {
-    from = entry(k);
+  std::size_t back = 0;
+  for (; back < count; ++back) {
+    from = entry(back);
     if (t - from[0] >= window - kRounding) break;
   }
   state_[kUntold] = 0;
   if (from != nullptr) {
-    const double age = t - from[0], T = age < 2 * window ? std::max(age, window) : window;
+    const double age = t - from[0], T = age < 2 * std::max(window, gap(back)) ? std::max(age, window) : window;
     const double way = (p - Eigen::Map<const Vector3d>(from + 1)).norm(), told = state_[kWay] - from[4];
     state_[kUntold] = std::max(0.0, way - (1 + kInexact) * told - kLeast) / T;
     state_[kSince] = state_[kUntold] > kMuch ? std::min(state_[kSince], t) : kLongAgo;
@@ -97,7 +103,7 @@ bool Track::take(bool finite, const Vector3d& p, const Vector3d& v, double t, do
     state_[kWay] += state_[kFastest] * since;
     state_[kFastest] = speed;
     compare(p, t, window);
-  } else if (since > 2 * window) {
+  } else if (since > 2 * std::clamp(gap(0), window, kRarest)) {
     state_[kUntold] = 0;
   }
   return false;

@@ -12,9 +12,10 @@ namespace cotwin::monitor {
 ///
 /// A place is a jump if it is farther from the one before than 0.1 m + v_max Δt, with the time Δt since they changed last, at most the window W of
 /// 0.2 s (or a step, if that is longer), or beyond 1e6 m. After a jump the body is lost until places have come without one for restart_delay. From a
-/// change of p to the one of W or more before, in time T,
+/// change of p to the one of W or more before, in time T (W after a rest),
 ///   untold = max(0, |Δp| − 1.1 ∫ |v| dt − 10 mm) / T
-/// in which |v| is the largest one between two changes, so that p which comes rarely tells nothing more than v; 2 W after the last change it is 0.
+/// in which |v| is the largest one between two changes, so that p which comes rarely tells nothing more than v. It is 0 where p has not changed for
+/// 2 W, or for twice the time between its changes.
 class Track {
  public:
   void declare(Variables& v, const std::string& x);
@@ -53,6 +54,7 @@ class Track {
   Eigen::Map<Eigen::Vector3d> place() { return Eigen::Map<Eigen::Vector3d>(&state_[kPlace]); }
   /// t, p and the way that v told, of the place that came `back` entries before the newest.
   double* entry(std::size_t back);
+  double gap(std::size_t back);
 
   /// The last place, m; whether there is one; when it changed last and when it jumped last, s; the first jump: s, m, s since the place before; since the
   /// last change the largest |v|, m/s; the way that v told, m; untold; since when, s; where that was most: s, m/s by p, m/s by v; how many entries there

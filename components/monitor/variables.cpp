@@ -62,7 +62,7 @@ void Monitor::declare_separation(Variables& v) {
     v.output(x + "separation_p_b", ports.apart.p_b, "m", "its nearest point on the body, in W").discrete();
     v.output(x + "stopped_late", ports.late, "stops of " + of + " after which it still moved later than T_r and T_s");
     v.output(x + "least_while_moving", ports.least_moving, "m",
-             "least distance from these bodies so far while " + of + " moved faster than 10 mm/s; 1e12: it did not")
+             "least distance of " + of + " from these bodies so far, of a robot that moved faster than 10 mm/s; 1e12: none did")
         .discrete();
     v.output(x + "separation_points_known", ports.apart.points_known, "1 while these two are on the surfaces, as points_known");
   };

@@ -104,6 +104,9 @@ class Watch {
     const Variable& q = variables().at(x + "q");
     const std::vector<Way> ways = trace(q);
     check_order(q);
+    check_order(variables().at(x + "dq"));
+    check_factor(q);
+    check_factor(variables().at(x + "dq"));
     check_speeds(x, ways, trace(variables().at(x + "dq")));
     std::string path, heard, beyond, braked;
     std::set<std::size_t> movers;
@@ -147,11 +150,21 @@ class Watch {
       const auto before = trace_.source(q, i - 1), after = trace_.source(q, i);
       if (before && after && before->variable == after->variable && after->element <= before->element &&
           after->variable->size() == q.size() && is_unit(members_[after->member].spec))
-        warn(element_name(members_[monitor_].name(), q, i) + " comes from " +
-             element_name(members_[after->member].name(), *after->variable, after->element) +
-             ", and the joint before it from " +
-             element_name(members_[before->member].name(), *before->variable, before->element) +
-             ": expected joints in their order");
+        return warn(element_name(members_[monitor_].name(), q, i) + " comes from " +
+                    element_name(members_[after->member].name(), *after->variable, after->element) +
+                    ", and the joint before it from " +
+                    element_name(members_[before->member].name(), *before->variable, before->element) +
+                    ": expected joints in their order");
+    }
+  }
+
+  /// The units of this program have SI units and the signs of the robot's joints.
+  void check_factor(const Variable& input) {
+    for (std::size_t i = 0; i < input.size(); ++i) {
+      const ResolvedConnection* link = trace_.into(input, i);
+      if (link != nullptr && is_unit(members_[link->from.member].spec) && (link->factor != 1 || link->offset != 0))
+        return note(full(input.name) + " is " + text::to_text(link->factor) + " times " + link->from.name + " plus " +
+                    text::to_text(link->offset));
     }
   }
 
@@ -214,6 +227,10 @@ class Watch {
     while (speed != nullptr && seen.insert(speed).second) {
       mover.ramp += members_[at].variables().at("speed_ramp").reals()[0];
       link = trace_.into(*speed);
+      if (link != nullptr && (link->from.member == monitor_ || is_motion(members_[link->from.member])) &&
+          (link->offset != 0 || link->factor > 1 || !(link->factor > 0)))
+        warn(link->to.name + " is " + text::to_text(link->factor) + " times " + link->from.name + " plus " +
+             text::to_text(link->offset) + ": expected the share itself, 0 to stop");
       if (link == nullptr || !is_motion(members_[link->from.member]) || link->from.variable->name != "path_speed") break;
       at = link->from.member;
       speed = members_[at].variables().find("speed");
@@ -222,7 +239,8 @@ class Watch {
     const std::string &from = link->from.variable->name, source = link->from.name;
     if (link->from.member != monitor_) {
       const Member& other = members_[link->from.member];
-      if (is_unit(other.spec) && !reaches_outside(other) && !trace_.reaches(monitor_, link->from.member))
+      // Of a motion path_speed alone follows, which is traced above.
+      if (is_motion(other) || (is_unit(other.spec) && !reaches_outside(other) && !trace_.reaches(monitor_, link->from.member)))
         return warn(hears + " comes from " + source + ", which does not hear " + members_[monitor_].name() +
                     ": expected a connection from " + wanted(x)),
                mover;
@@ -234,9 +252,6 @@ class Watch {
       if (!exchanged)
         warn(hears + " comes from " + source + ": it has to come from " + wanted(x) + ", because " + members_[m].name() +
              " moves " + robot_of(x));
-    } else if (link->offset != 0 || link->factor > 1) {
-      warn(hears + " is " + text::to_text(link->factor) + " times " + source + " plus " + text::to_text(link->offset) +
-           ": expected the share itself, 0 to stop");
     }
     mover.heard = hears + " ← " + source;
     return mover;
@@ -282,12 +297,17 @@ class Watch {
     if (whose != b && is_body(p->member, whose) && beside.find(b + "p") != nullptr)
       return warn(full(b + "p") + " comes from " + text_of(*p) + ", though " + members_[p->member].name() + " has " + b +
                   "p: expected a connection from there");
-    for (const char* part : {"v", "quat", "w"}) {
+    for (const char* part : {"p", "v", "quat", "w"}) {
       const Variable& input = variables().at(b + part);
       const auto source = trace_.source(input);
-      if (source && !of_one(*p, *source))
-        warn(full(b + part) + " comes from " + text_of(*source) + ", but " + full(b + "p") + " from " + text_of(*p) +
-             ": expected both of one body");
+      check_factor(input);
+      for (std::size_t i = 0; i < input.size(); ++i) {
+        const auto from = trace_.source(input, i);
+        if (!from || of_one(*p, *from)) continue;
+        warn((i == 0 ? full(b + part) : element_name(members_[monitor_].name(), input, i)) + " comes from " + text_of(*from) +
+             ", but " + full(b + "p") + " from " + text_of(*p) + ": expected both of one body");
+        break;
+      }
       if (!source && part != std::string("v") && beside.find(whose + part) != nullptr && !has_value(b + part))
         warn(full(b + part) + " (" + input.description + ") is not connected and has no value, though " +
              members_[p->member].name() + " has " + whose + part + ": expected a connection from there");

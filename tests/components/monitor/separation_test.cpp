@@ -107,7 +107,8 @@ TEST_F(Separations, HaveThreeZonesWithHysteresis) {
   EXPECT_THAT(notes,
               ElementsAre("slide was asked to slow down once, at 0.002 s (ball 1.7 m from crate, S_p 1.2 m), to stop 2 times, "
                           "first at 0.005 s (ball 1.05 m from crate, S_p 1.05 m)",
-                          "slide stopped in time in 2 of 2 stops; nearest while it moved: 1.05 m from crate"));
+                          "slide stopped in time in 0 of 2 stops, 2 not judged (stop or run ended before T_r + T_s); nearest "
+                          "while it moved: 1.05 m from crate"));
 }
 
 // Both at constant speed, and the robot is told a step later: it comes to rest within one step's way beyond C + Z_d + Z_r.

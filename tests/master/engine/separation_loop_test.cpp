@@ -162,10 +162,15 @@ TEST(SeparationLoop, OfSpeedsThatStopNobodyNamesTheRightConnection) {
           ElementsAre(HasSubstr(monitor + ".left.speed goes to " + in + "second.speed, but " + left + " moves left")));
     }
   }
+  EXPECT_THAT(warnings_of(Cell().relink("right", "stretch", "left", "speed")),
+              ElementsAre(HasSubstr("left.speed comes from right.stretch, which does not hear monitor")));
   Cell chained;
   chained.relink("left", "path_speed", "right", "speed").relink("monitor", "speed", "left", "speed");
   EXPECT_THAT(warnings_of(chained), IsEmpty());
   EXPECT_THAT(notes_of(chained), Contains(HasSubstr("right.speed ← monitor.speed; T_s 0.5 s, speed_ramp 0.5 s")));
+  for (const auto& [factor, offset] : {std::pair{1, 1}, {2, 0}, {0, 0}, {-1, 0}})
+    EXPECT_THAT(warnings_of(chained.relink("left", "path_speed", "right", "speed", factor, offset)),
+                ElementsAre(HasSubstr("right.speed is " + text::to_text(double(factor)) + " times left.path_speed plus")));
 }
 
 TEST(SeparationLoop, OfPosturesOfOthersIsTold) {
@@ -222,6 +227,20 @@ TEST(SeparationLoop, OfBodiesThatAreMixedUpIsTold) {
             Cell().cut("monitor", "person." + part).set("monitor", "person." + part, part == "quat" ? "1 0 0 0" : "0 0 0")),
         IsEmpty());
   }
+  for (const auto& [x, i] : {std::pair{"p", 2}, {"p", 3}, {"v", 3}, {"quat", 4}}) {
+    Cell mixed;
+    mixed.cut("monitor", std::string("person.") + x);
+    const std::string name = std::string(".") + x + "[";
+    for (int k = 1; k <= (x == std::string("quat") ? 4 : 3); ++k)
+      mixed.link("floor", (k == i ? "trolley" : "person") + name + std::to_string(k) + "]", "monitor",
+                 "person" + name + std::to_string(k) + "]");
+    EXPECT_THAT(warnings_of(mixed), ElementsAre(HasSubstr("monitor.person" + name + std::to_string(i) +
+                                                          "] comes from floor.trolley." + x + ", but monitor.person.p")));
+  }
+  const Cell turned =
+      Cell().relink("floor", "person.p", "monitor", "person.p", -1).relink("left", "dq_d", "monitor", "left.dq", 1e-3);
+  EXPECT_THAT(notes_of(turned), AllOf(Contains(HasSubstr("monitor.person.p is -1 times floor.person.p plus 0")),
+                                      Contains(HasSubstr("monitor.left.dq is 0.001 times left.dq_d plus 0"))));
   EXPECT_THAT(notes_of(Cell("separation=trolley")), Contains(HasSubstr("person moves and does not count")));
   EXPECT_THAT(warnings_of(Cell("separation=trolley")), IsEmpty());
   EXPECT_THAT(notes_of(Cell("separation=all")), Each(Not(HasSubstr("does not count"))));
