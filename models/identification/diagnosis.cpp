@@ -50,11 +50,10 @@ class Search {
             std::vector<double>(order.size(), 1.0)};
   }
 
-  std::vector<Finding> run() {
+  Diagnosed run() {
     constexpr std::size_t kMostFindings = 4;
     std::vector<Finding> found;
-    if (all_.empty()) return found;
-    while (found.size() < kMostFindings) {
+    while (!all_.empty() && found.size() < kMostFindings) {
       before_ = fit(now_, kAll);
       before_few_ = fit(now_, kFew);
       candidates_.clear();
@@ -73,7 +72,7 @@ class Search {
       now_ = best->truth;
       found.push_back(std::move(best->finding));
     }
-    return found;
+    return {std::move(found), now_};
   }
 
  private:
@@ -261,7 +260,13 @@ std::vector<int> Search::driven_by_friction(const Fit& fit) const {
 void Search::look_at_signs() {
   const std::vector<int> wrong = driven_by_friction(before_);
   if (wrong.empty()) return;
-  std::erase_if(candidates_, [&](const Candidate& candidate) { return !driven_by_friction(candidate.fit).empty(); });
+  // An exchange of other joints has nothing to explain of it.
+  std::erase_if(candidates_, [&](const Candidate& candidate) {
+    const Finding& f = candidate.finding;
+    const bool order = f.kind == Finding::Kind::kTorques || f.kind == Finding::Kind::kJoints;
+    return std::ranges::any_of(driven_by_friction(candidate.fit),
+                               [&](int j) { return !order || std::ranges::find(f.joints, j) != f.joints.end(); });
+  });
   Hypothesis other = now_;
   for (const int j : wrong) other.sign[static_cast<std::size_t>(j)] *= -1;
   offer(Finding::Kind::kSign, wrong, 0, other, kDropOfSign);
@@ -327,7 +332,7 @@ void Diagnosis::add(std::size_t segment, bool measured, const double* q, const d
   measured_.pop_front();
 }
 
-std::vector<Finding> Diagnosis::findings() const {
+Diagnosed Diagnosis::findings() const {
   constexpr std::size_t kLeast = 100, kPerJoint = 25;  // samples: more than unknowns
   if (kept_.q.size() / n_ < std::max(kLeast, kPerJoint * n_)) return {};
   return Search(robot_, options_, kept_, at_, step_).run();

@@ -27,6 +27,24 @@ struct Finding {
   Eigen::VectorXd before, after;                      // n: RMS errors, N.m (prismatic: N)
 };
 
+/// What is taken to be true instead of the log.
+struct Hypothesis {
+  Eigen::Vector3d gravity;
+  double rate = 1;          // of the clock: true speeds over those of the log
+  std::vector<int> joint;   // per joint, whose positions it has
+  std::vector<int> column;  // whose torques,
+  std::vector<int> shift;   // at which of the kept times,
+  std::vector<double> sign;
+  bool moves_alike(const Hypothesis& other) const {
+    return gravity == other.gravity && rate == other.rate && joint == other.joint;
+  }
+};
+
+struct Diagnosed {
+  std::vector<Finding> findings;  // the one that explains most first, each with those before it mended
+  Hypothesis truth;               // with all of them
+};
+
 /// Looks for damage of a log by least squares over base parameters, friction, offset and motor inertia, without any prior: each
 /// joint has its own error variance, which is estimated with the parameters (maximum likelihood by reweighting). Every
 /// hypothesis changes the data and is fitted anew; it counts if robots about the URDF that can exist fit better with it, too.
@@ -41,8 +59,8 @@ class Diagnosis {
   void add(std::size_t segment, bool measured, const double* q, const double* dq, const double* ddq, const double* tau,
            const double* dtheta = nullptr, const double* ddtheta = nullptr);
 
-  /// The one that explains most first, each with those before it mended; empty for fewer than 100 samples, or 25 a joint.
-  std::vector<Finding> findings() const;
+  /// Nothing for fewer than 100 samples, or 25 a joint.
+  Diagnosed findings() const;
 
   /// Samples in rows of n values: position, speed, acceleration, speed and acceleration of the motor; torques at several times
   /// about that of the motion; friction with hysteresis of kPresliding widths, from -1 to 1 (Dahl). And the time, s.

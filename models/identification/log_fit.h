@@ -11,19 +11,6 @@ namespace cotwin::identification {
 
 inline constexpr double kLeastError = 1e-4;  // of a joint's torque: smaller errors are rounding
 
-/// What is taken to be true instead of the log.
-struct Hypothesis {
-  Eigen::Vector3d gravity;
-  double rate = 1;          // of the clock: true speeds over those of the log
-  std::vector<int> joint;   // per joint, whose positions it has
-  std::vector<int> column;  // whose torques,
-  std::vector<int> shift;   // at which of the kept times,
-  std::vector<double> sign;
-  bool moves_alike(const Hypothesis& other) const {
-    return gravity == other.gravity && rate == other.rate && joint == other.joint;
-  }
-};
-
 /// Of one hypothesis.
 struct Fit {
   Eigen::VectorXd rms;         // n

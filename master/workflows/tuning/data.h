@@ -33,6 +33,7 @@ struct Data {
   std::size_t split = 0;  // number of training samples on the grid of the log
   std::optional<CompressedPart> training, held_out;
   std::vector<identification::Finding> findings;  // of the training part, the one that explains most first
+  identification::Hypothesis truth;               // with all of them
   std::vector<std::string> warnings;              // of the URDF, then of the survey
 };
 

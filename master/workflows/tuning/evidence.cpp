@@ -36,14 +36,6 @@ std::string names_of(const Data& data, const identification::Finding& finding) {
   return names;
 }
 
-/// All columns of the log in the order of joints, those of the two of the finding exchanged.
-std::string exchanged(const Data& data, const identification::Finding& finding, std::string measurement::JointSurvey::*column) {
-  std::vector<std::string> columns;
-  for (const measurement::JointSurvey& joint : data.survey.joints) columns.push_back(joint.*column);
-  std::swap(columns[static_cast<std::size_t>(finding.joints[0])], columns[static_cast<std::size_t>(finding.joints[1])]);
-  return text::joined(columns, ",");
-}
-
 std::string gravity(const Data& data, const identification::Finding& finding) {
   const Eigen::Vector3d to = finding.gravity.normalized(), from = data.robot.gravity.normalized();
   std::string text = "gravity along (" + digits(to.x()) + ", " + digits(to.y()) + ", " + digits(to.z()) +
@@ -59,13 +51,6 @@ std::string gravity(const Data& data, const identification::Finding& finding) {
   const Eigen::Vector3d rpy = robot::rpy_of(R * roots[0]->X_PJ.R);
   return text + "rpy=\"" + digits(rpy.x(), 4) + " " + digits(rpy.y(), 4) + " " + digits(rpy.z(), 4) +
          "\" of the <origin> of joint '" + roots[0]->name + "' turns it";
-}
-
-std::string signs(const Settings& settings, const Data& data, const identification::Finding& finding) {
-  const std::string list = measurement::scales(settings.format.tau_scale, data.robot.joints.size(), finding.joints, -1);
-  return "friction of " + names_of(data, finding) +
-         " would drive the joint instead of braking it; has its torque, or its position, the other sign? Then --tau-scale " +
-         list + " or --q-scale";
 }
 
 /// The torque limit of a joint, N.m (prismatic: N); 0 where it is none, or a placeholder.
@@ -98,39 +83,75 @@ std::string late(const identification::Finding& finding) {
   return (finding.value > 0 ? "late by " : "early by ") + digits(1e3 * std::abs(finding.value)) + " ms";
 }
 
-std::string sentence(const Settings& settings, const Data& data, const identification::Finding& finding) {
+std::string sentence(const Data& data, const identification::Finding& finding) {
   switch (finding.kind) {
     case Kind::kGravity:
       return gravity(data, finding);
     case Kind::kClock:
       return "time that runs at " + digits(finding.value) + " times the log's explains the torques " + gain_of(data, finding) +
-             "; is the unit or the rate of the time column another one? Then --time-unit or --rate";
+             "; is the unit or the rate of the time column another one?";
     case Kind::kLag:
       return "torques of " + (finding.joints.size() == data.robot.joints.size() ? "all joints" : names_of(data, finding)) +
              " that come " + digits(1e3 * std::abs(finding.value)) + " ms " + (finding.value > 0 ? "after" : "before") +
              " the motion are explained " + gain_of(data, finding) + "; expected positions and torques of the same instant";
     case Kind::kTorques:
       return "with the torque columns of " + names_of(data, finding) + " exchanged they are explained " +
-             gain_of(data, finding) + "; are they in another order? Then --tau-columns " +
-             exchanged(data, finding, &measurement::JointSurvey::tau_column);
+             gain_of(data, finding) + "; are they in another order?";
     case Kind::kJoints:
       return "with all columns of " + names_of(data, finding) + " exchanged the torques are explained " +
-             gain_of(data, finding) + "; are the joints in another order? Then --q-columns " +
-             exchanged(data, finding, &measurement::JointSurvey::q_column) + " --tau-columns " +
-             exchanged(data, finding, &measurement::JointSurvey::tau_column);
+             gain_of(data, finding) + "; are the joints in another order?";
     case Kind::kSign:
-      return signs(settings, data, finding);
+      return "friction of " + names_of(data, finding) +
+             " would drive the joint instead of braking it; has its torque, or its position, the other sign?";
   }
   return "";
 }
 
+std::string newtons(const robot::Joint& joint, double x) {
+  return digits(x) + (joint.type == robot::JointType::kPrismatic ? " N" : " N.m");
+}
+
+/// "--tau-columns tau2,tau1: held out joint_1 5.82 to 0.32 N.m, …": the joints whose errors change.
+std::string told(const Data& data, const Repair& repair) {
+  constexpr double kSame = 0.02;
+  std::string joints;
+  for (std::size_t j = 0; j < data.robot.joints.size(); ++j) {
+    const auto i = static_cast<Eigen::Index>(j);
+    const double before = repair.before[i], after = repair.after[i];
+    if (data.survey.moves(j) && std::abs(after - before) > kSame * before)
+      text::append(joints, data.robot.joints[j].name + " " + digits(before) + " to " + newtons(data.robot.joints[j], after));
+  }
+  return repair.options + ": " + (data.held_out ? "held out " : "training ") + joints;
+}
+
 }  // namespace
 
-std::vector<std::string> evidence(const Settings& settings, const Data& data) {
+std::vector<std::string> evidence(const Settings& settings, const Data& data, const Repairs& repairs) {
   std::vector<std::string> sentences = data.survey.damage;
+  std::string all;
   for (const identification::Finding& finding : data.findings)
-    if (matters(data, finding)) sentences.push_back(settings.data.front().string() + ": " + sentence(settings, data, finding));
+    if (matters(data, finding)) text::append(all, sentence(data, finding), "; then ");
+  if (all.empty()) return sentences;
+  all += all.back() == '?' ? "" : ".";
+  if (repairs.stopped) {
+    all += " Options that mend it were not tried";
+  } else if (repairs.looked && repairs.found.empty()) {
+    all += " Options that mend it were looked for, not found";
+  } else if (!repairs.found.empty()) {
+    all += " Tried: " + told(data, repairs.found[0]);
+    if (repairs.found.size() > 1)
+      all += "; or " + told(data, repairs.found[1]) + "; the log does not tell which: the other one is a mirrored robot";
+  }
+  sentences.push_back(settings.data.front().string() + ": " + all);
   return sentences;
+}
+
+std::size_t count_alarms(const Data& data, const Evaluation& evaluation, std::size_t candidate) {
+  std::size_t count = data.survey.damage.size();
+  for (const identification::Finding& finding : data.findings) count += matters(data, finding) ? 1 : 0;
+  for (std::size_t j = 0; j < data.robot.joints.size(); ++j)
+    count += verdict_of(data, evaluation, {}, candidate, j).alarm ? 1 : 0;
+  return count;
 }
 
 Verdict verdict_of(const Data& data, const Evaluation& evaluation, const BoundsCost& bounds, std::size_t candidate,
@@ -143,18 +164,17 @@ Verdict verdict_of(const Data& data, const Evaluation& evaluation, const BoundsC
   const PartErrors &training = evaluation.training, &part = known ? *evaluation.held_out : training;
   const double error = part.of[candidate].rms[i], prior = part.of.front().rms[i], floor = part.of.back().rms[i],
                torque = part.torque_rms[i], before = training.of[candidate].rms[i], floor_before = training.of.back().rms[i];
-  const auto newtons = [&](double x) { return digits(x) + (of.type == robot::JointType::kPrismatic ? " N" : " N.m"); };
-  const std::string says = of.name + (known ? ": held-out error " : ": training error ") + newtons(error);
+  const std::string says = of.name + (known ? ": held-out error " : ": training error ") + newtons(of, error);
   if (known && !of.passive && error > kWorse * torque)
-    return {true, says + ", expected below the torque itself, " + newtons(torque)};
-  if (known && error > kWorse * prior) return {true, says + ", expected below that of the prior, " + newtons(prior)};
+    return {true, says + ", expected below the torque itself, " + newtons(of, torque)};
+  if (known && error > kWorse * prior) return {true, says + ", expected below that of the prior, " + newtons(of, prior)};
   const bool held_back = known && error > kHeldBack * floor && before > kHeldBack * floor_before;
   if (held_back && error > error_that_matters(data, joint)) {
     const double wider = bounds.with_all.size() > 0 ? bounds.with_all[i] : error;
-    return {true, says + " (training " + newtons(before) +
-                      "), expected at most 1.5 times that of unconstrained least squares, " + newtons(floor) + " (" +
-                      newtons(floor_before) + "): no robot within the bounds has these torques, " +
-                      (wider <= kHeldBack * floor ? "with all bounds wider it is " + newtons(wider)
+    return {true, says + " (training " + newtons(of, before) +
+                      "), expected at most 1.5 times that of unconstrained least squares, " + newtons(of, floor) + " (" +
+                      newtons(of, floor_before) + "): no robot within the bounds has these torques, " +
+                      (wider <= kHeldBack * floor ? "with all bounds wider it is " + newtons(of, wider)
                                                   : "nor with all bounds wider; a sign, or the order of columns?")};
   }
   const double share = torque > 0 ? error / torque : 0;
@@ -167,7 +187,7 @@ Verdict verdict_of(const Data& data, const Evaluation& evaluation, const BoundsC
   for (const identification::Finding& finding : data.findings)
     if (!matters(data, finding) && finding.joints.front() == static_cast<int>(joint))
       word += ", " + late(finding) + of_limit(data, joint, finding.before[i]);
-  return {false, says + " of " + newtons(torque) + " (" + digits(100 * share, 2) + " %), " +
+  return {false, says + " of " + newtons(of, torque) + " (" + digits(100 * share, 2) + " %), " +
                      digits(error / std::max(floor, 1e-300)) +
                      " times that of unconstrained least squares: " + (known ? word : "nothing was held out, not judged")};
 }

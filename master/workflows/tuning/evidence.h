@@ -5,13 +5,17 @@
 #include "master/workflows/tuning/bounds.h"
 #include "master/workflows/tuning/data.h"
 #include "master/workflows/tuning/evaluation.h"
+#include "master/workflows/tuning/repair.h"
 
 namespace cotwin::master::tuning {
 
-/// One sentence for each damage of the log's torques and each of data.findings: what fits better, by how much at which joints,
-/// and the option or file that mends it. A lag of one joint whose error does not matter
-/// (verdict_of) is left to its verdict.
-std::vector<std::string> evidence(const Settings& settings, const Data& data);
+/// One sentence for each damage of the log's torques, and one for all findings that matter: what fits better, by how much at
+/// which joints, and the options that mend it. The lag of one joint whose error does not matter (verdict_of) is left to its
+/// verdict.
+std::vector<std::string> evidence(const Settings& settings, const Data& data, const Repairs& repairs);
+
+/// Damage, findings that matter, and verdicts against the candidate.
+std::size_t count_alarms(const Data& data, const Evaluation& evaluation, std::size_t candidate);
 
 struct Verdict {
   bool alarm = false;

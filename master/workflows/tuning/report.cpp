@@ -433,6 +433,10 @@ std::string figures_json(const Settings& settings, const Data& data, const Resul
   object["verdicts"] = result.verdicts;
   object["bounds"] = result.bounds.sentences;
   object["findings"] = findings_json(data);
+  for (const Repair& repair : result.repairs.found)
+    object["repair"].push_back({{"options", repair.options},
+                                {"before", std::vector<double>(repair.before.begin(), repair.before.end())},
+                                {"after", std::vector<double>(repair.after.begin(), repair.after.end())}});
   return object.dump(1) + "\n";
 }
 

@@ -86,8 +86,10 @@ void choose_tuned(const Settings& settings, Result& result) {
 }
 
 /// Evidence, verdicts, alarms and warnings.
-void judge(const Settings& settings, const Data& data, Result& result) {
-  result.evidence = evidence(settings, data);
+void judge(const Settings& settings, const Data& data, const Hooks& hooks, Result& result) {
+  if (!data.findings.empty() && !result.interrupted)
+    result.repairs = find_repairs(settings, data, result.evaluation, result.tuned, hooks);
+  result.evidence = evidence(settings, data, result.repairs);
   if (!result.bounds.alarm.empty()) result.evidence.push_back(result.bounds.alarm);
   result.alarms = result.evidence;
   for (std::size_t j = 0; j < data.robot.joints.size(); ++j) {
@@ -154,7 +156,7 @@ Result tune(const Settings& settings, const Run& run, const Hooks& hooks, const 
   result.prior_rms = problem.weighted_rms(result.candidates.front().estimate);
   result.evaluation = evaluate(data, result.candidates);
   choose_tuned(settings, result);
-  judge(settings, data, result);
+  judge(settings, data, hooks, result);
 
   const identification::Estimate& tuned = result.candidates[result.tuned].estimate;
   result.robot = settings.method == Method::kLeastSquares

@@ -7,6 +7,7 @@
 #include "master/workflows/tuning/bounds.h"
 #include "master/workflows/tuning/data.h"
 #include "master/workflows/tuning/evaluation.h"
+#include "master/workflows/tuning/repair.h"
 #include "master/workflows/tuning/resume.h"
 #include "master/workflows/tuning/settings.h"
 #include "models/identification/feasible.h"
@@ -35,6 +36,7 @@ struct Result {
   std::vector<std::string> evidence;  // sentences: what is wrong with the log, or with a bound
   std::vector<std::string> verdicts;  // a sentence per joint
   std::vector<std::string> alarms;    // the evidence, a bound that matters, and verdicts that speak against the result
+  Repairs repairs;                    // of the log's findings
   BoundsCost bounds;                  // at which feasible least squares stands
   std::vector<std::string> warnings;  // of robot, log, motion and result
   std::string chosen;                 // the reason if the written robot is not that of the swarm; else empty

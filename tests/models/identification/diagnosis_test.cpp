@@ -30,7 +30,7 @@ std::vector<Finding> findings(const robot::RobotModel& robot, const Samples& s, 
     const std::size_t i = k * s.joints;
     diagnosis.add(0, true, &s.q[i], &s.dq[i], &s.ddq[i], &s.tau[i]);
   }
-  return diagnosis.findings();
+  return diagnosis.findings().findings;
 }
 
 std::vector<Kind> kinds(const std::vector<Finding>& found) {
