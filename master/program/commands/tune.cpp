@@ -16,6 +16,7 @@
 #include "master/workflows/tuning/cross_validation.h"
 #include "master/workflows/tuning/report.h"
 #include "master/workflows/tuning/tuning.h"
+#include "models/foundation/support/atomic_file.h"
 #include "models/foundation/support/choice.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
@@ -35,6 +36,8 @@ struct TuneArguments {
   std::optional<int> rounds, threads;
   bool accept_result = false, no_offset = false, no_viscous = false, quiet = false, cross_validate = false, overwrite = false;
   double checkpoint = 10;  // s
+  bool check = false;
+  std::string json;
 };
 
 /// The result files of a tuning.
@@ -53,6 +56,19 @@ tuning::Settings settings_of(const TuneArguments& a) {
   if (a.rounds) s.rounds = *a.rounds;
   tuning::check(s);
   return s;
+}
+
+/// Tells what the log tells before a solution.
+int check_command(const TuneArguments& arguments, const tuning::Settings& settings, const tuning::Data& data) {
+  const tuning::LogCheck check = tuning::check_log(settings, data);
+  const bool prints = arguments.json == "-";
+  if (prints) std::cout << tuning::check_json(data, check);
+  if (!arguments.json.empty() && !prints) write_file(arguments.json, tuning::check_json(data, check));
+  if (!prints && !arguments.quiet) tuning::write_check(std::cout, data, check);
+  for (const std::string& warning : check.warnings) std::cerr << "cotwin: warning: " << warning << '\n';
+  for (const std::string& sentence : check.evidence) std::cerr << "cotwin: " << sentence << '\n';
+  if (!prints && check.evidence.empty()) std::cout << "nothing against this log\n";
+  return check.evidence.empty() ? kExitDone : kExitRunFailed;
 }
 
 int tune_command(const TuneArguments& arguments, const std::vector<std::string>& given) {
@@ -84,11 +100,12 @@ int tune_command(const TuneArguments& arguments, const std::vector<std::string>&
             : !arguments.resume.empty() ? arguments.resume
                                         : fs::path("results") / file_name_of("tune_" + settings.data.front().stem().string());
   const int cores = static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
+  if (!arguments.json.empty() && !arguments.check) throw Error("--json", "is for --check, expected both");
   ResultsFolder results(run.out);
   run.threads = arguments.threads.value_or(std::min(cores, 8));
 
   note_signals();
-  ProgressLine line(!arguments.quiet);
+  ProgressLine line(!arguments.quiet && arguments.json != "-");
   const tuning::Hooks hooks{[&](const std::string& what, double share) { line.update(what, share); },
                             [] { return stop_signal() != 0; }};
   try {
@@ -98,6 +115,10 @@ int tune_command(const TuneArguments& arguments, const std::vector<std::string>&
           settings, {!is_given("--cutoff"), !is_given("--load-friction"), !is_given("--prior-weight")}, run.threads, hooks);
     }
     const tuning::Data data = tuning::load_data(settings, hooks);
+    if (arguments.check) {
+      line.clear();
+      return check_command(arguments, settings, data);
+    }
     results.open();
     if (run.out != arguments.resume && !arguments.overwrite) {
       std::vector<fs::path> inputs = {settings.robot};
@@ -222,6 +243,8 @@ void add_tune(CLI::App& app, Chosen& chosen) {
   in(search, command->add_option("--resume", a.resume, "Resume the stopped tuning in FOLDER"), "FOLDER");
 
   add_log_options(*command, a.log, s);
+  command->add_flag("--check", a.check, "Only look at the log: joints, what is wrong with it, what the motion determines");
+  command->add_option("--json", a.json, "Write the result of --check as JSON, to stdout with -")->type_name("FILE|-");
   command->add_flag("--accept-result", a.accept_result,
                     "Exit code 0 even if the log is found to be wrong, or torques are predicted badly");
   command->add_flag("--quiet", a.quiet, "No progress bar and no table; warnings and verdicts all the same");

@@ -133,8 +133,8 @@ std::vector<std::string> evidence(const Settings& settings, const Data& data, co
     if (matters(data, finding)) text::append(all, sentence(data, finding), "; then ");
   if (all.empty()) return sentences;
   all += all.back() == '?' ? "" : ".";
-  if (repairs.stopped) {
-    all += " Options that mend it were not tried";
+  if (!repairs.untried.empty()) {
+    all += " Not tried: " + repairs.untried;
   } else if (repairs.looked && repairs.found.empty()) {
     all += " Options that mend it were looked for, not found";
   } else if (!repairs.found.empty()) {

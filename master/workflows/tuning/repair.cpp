@@ -70,6 +70,14 @@ Reading reading_of(const Settings& settings, const Data& data, bool positions) {
   return r;
 }
 
+/// Those with options.
+std::vector<Reading> readings_of(const Settings& settings, const Data& data) {
+  std::vector<Reading> all{reading_of(settings, data, false)};
+  if (std::ranges::count(data.truth.sign, 1.0) < std::ssize(data.truth.sign)) all.push_back(reading_of(settings, data, true));
+  std::erase_if(all, [](const Reading& reading) { return reading.options.empty(); });
+  return all;
+}
+
 struct Trial {
   Repair repair;
   std::size_t alarms = 0;
@@ -100,24 +108,26 @@ std::optional<Trial> try_out(const Reading& reading, const Hooks& hooks) {
 
 }  // namespace
 
+std::string options_of(const Settings& settings, const Data& data) {
+  std::string options;
+  for (const Reading& reading : readings_of(settings, data)) text::append(options, reading.options, " or ");
+  return options;
+}
+
 Repairs find_repairs(const Settings& settings, const Data& data, const Evaluation& evaluation, std::size_t tuned,
                      const Hooks& hooks) {
   constexpr double kTells = 0.05;  // of Σ ln of the errors
   Repairs repairs;
   const std::size_t alarms = count_alarms(data, evaluation, tuned);
   std::vector<Trial> trials;
-  const bool signs = std::ranges::count(data.truth.sign, 1.0) < std::ssize(data.truth.sign);
   try {
-    for (const bool positions : {false, true}) {
-      if (positions && !signs) continue;
-      const Reading reading = reading_of(settings, data, positions);
-      if (reading.options.empty()) continue;
+    for (const Reading& reading : readings_of(settings, data)) {
       repairs.looked = true;
       std::optional<Trial> trial = try_out(reading, hooks);
       if (trial && trial->alarms < alarms) trials.push_back(std::move(*trial));
     }
   } catch (const Stopped&) {
-    repairs.stopped = true;
+    repairs.untried = options_of(settings, data);
     return repairs;
   }
   std::ranges::stable_sort(trials, {}, &Trial::score);

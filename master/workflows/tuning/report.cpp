@@ -107,6 +107,23 @@ std::string swarm_sentence(const SwarmRun& swarm) {
          " reconfigurations, " + numerics::to_text(swarm.progress.status);
 }
 
+/// `prior`: errors of the URDF.
+Table survey_table(const Data& data, const VectorXd* prior = nullptr) {
+  std::vector<std::string> header = {"joint",      "q, from",     "to",         "speed", "95 % of power below, Hz",
+                                     "torque RMS", "gravity RMS", "correlation"};
+  if (prior != nullptr) header.emplace_back("prior's error");
+  Table table(std::move(header));
+  for (std::size_t j = 0; j < data.survey.joints.size(); ++j) {
+    const measurement::JointSurvey& joint = data.survey.joints[j];
+    std::vector<std::string> row = {
+        row_name(data.robot.joints[j]), number(joint.q_min),   number(joint.q_max),       number(joint.speed_max),
+        number(joint.frequency),        number(joint.tau_rms), number(joint.gravity_rms), number(joint.gravity_correlation, 2)};
+    if (prior != nullptr) row.push_back(number(at(*prior, j)));
+    table.row(std::move(row));
+  }
+  return table;
+}
+
 void write_data(std::ostream& out, const Settings& settings, const Data& data, const Result& result) {
   const measurement::Survey& survey = data.survey;
   out << "## Data\n\n";
@@ -127,14 +144,7 @@ void write_data(std::ostream& out, const Settings& settings, const Data& data, c
       << (settings.cutoff > 0 ? "" : " (ten times the frequency below which 95 % of the power of the joint velocities lies)")
       << "; " << number(data.smoothing.margin) << " s at both ends of each segment are left out\n\n";
 
-  Table table({"joint", "q, from", "to", "speed", "95 % of power below, Hz", "torque RMS", "gravity RMS", "correlation"});
-  for (std::size_t j = 0; j < survey.joints.size(); ++j) {
-    const measurement::JointSurvey& joint = survey.joints[j];
-    table.row({row_name(data.robot.joints[j]), number(joint.q_min), number(joint.q_max), number(joint.speed_max),
-               number(joint.frequency), number(joint.tau_rms), number(joint.gravity_rms),
-               number(joint.gravity_correlation, 2)});
-  }
-  table.write_markdown(out);
+  survey_table(data).write_markdown(out);
   out << "Gravity is the prior's; its correlation with the measured torque tells of signs. rad, rad/s, N·m.\n\n";
   if (result.warnings.empty()) return;
   out << "Warnings:\n\n";
@@ -345,6 +355,35 @@ void write_table(std::ostream& out, const Data& data, const Result& result) {
   if (!result.evaluation.held_out) return;
   out << "\nheld out (" << samples_of(data, result.evaluation.held_out->samples) << "), RMS in N.m\n";
   errors_table(data, result, *result.evaluation.held_out).write_plain(out);
+}
+
+void write_check(std::ostream& out, const Data& data, const LogCheck& check) {
+  survey_table(data, &check.prior).write_plain(out);
+  out << "\nrad, rad/s, N.m (slides: m, m/s, N); gravity and prior: the URDF's\nthe motion determines " << check.excitation.rank
+      << " of " << check.excitation.unknowns << " unknowns, condition number " << number(check.excitation.condition, 3) << '\n';
+}
+
+std::string check_json(const Data& data, const LogCheck& check) {
+  json object;
+  for (std::size_t j = 0; j < data.robot.joints.size(); ++j) {
+    const measurement::JointSurvey& joint = data.survey.joints[j];
+    object["joints"].push_back({{"name", data.robot.joints[j].name},
+                                {"q", {joint.q_min, joint.q_max}},
+                                {"speed", joint.speed_max},
+                                {"torque", joint.tau_rms},
+                                {"gravity", joint.gravity_rms},
+                                {"correlation", joint.gravity_correlation},
+                                {"prior", at(check.prior, j)}});
+  }
+  object["samples"] = data.survey.samples;
+  object["rate"] = data.survey.rate();
+  object["rank"] = check.excitation.rank;
+  object["unknowns"] = check.excitation.unknowns;
+  object["condition"] = check.excitation.condition;
+  object["warnings"] = check.warnings;
+  object["evidence"] = check.evidence;
+  object["findings"] = findings_json(data);
+  return object.dump(1) + "\n";
 }
 
 std::string report_markdown(const Settings& settings, const Data& data, const Result& result) {

@@ -85,6 +85,14 @@ void choose_tuned(const Settings& settings, Result& result) {
                   "): it is the robot that is written";
 }
 
+std::vector<std::string> warnings_of(const Data& data, const identification::Excitation& excitation,
+                                     const identification::Floor& floor) {
+  std::vector<std::string> warnings = data.warnings;
+  warnings.insert(warnings.end(), excitation.warnings.begin(), excitation.warnings.end());
+  if (const std::string sentence = moving_mass(data, floor); !sentence.empty()) warnings.push_back(sentence);
+  return warnings;
+}
+
 /// Evidence, verdicts, alarms and warnings.
 void judge(const Settings& settings, const Data& data, const Hooks& hooks, Result& result) {
   if (!data.findings.empty() && !result.interrupted)
@@ -97,10 +105,7 @@ void judge(const Settings& settings, const Data& data, const Hooks& hooks, Resul
     result.verdicts.push_back(verdict.sentence);
     if (verdict.alarm) result.alarms.push_back(verdict.sentence);
   }
-  result.warnings = data.warnings;
-  const std::vector<std::string>& motion = result.excitation.warnings;
-  result.warnings.insert(result.warnings.end(), motion.begin(), motion.end());
-  if (const std::string sentence = moving_mass(data, result.floor); !sentence.empty()) result.warnings.push_back(sentence);
+  result.warnings = warnings_of(data, result.excitation, result.floor);
 }
 
 void write_files(const Settings& settings, const Data& data, const Run& run, const Result& result) {
@@ -120,6 +125,14 @@ void write_files(const Settings& settings, const Data& data, const Run& run, con
 }
 
 }  // namespace
+
+LogCheck check_log(const Settings& settings, const Data& data) {
+  const identification::Problem problem(data.training->data, data.robot, problem_options(settings));
+  Repairs repairs;
+  repairs.untried = options_of(settings, data);
+  return {problem.excitation(), data.training->data.rms(identification::estimate_of(data.robot, true)),
+          warnings_of(data, problem.excitation(), problem.floor()), evidence(settings, data, repairs)};
+}
 
 Result tune(const Settings& settings, const Run& run, const Hooks& hooks, const Data& data) {
   // Phases: the problem; the solvers; errors from the compressed data; errors sample by sample; files.

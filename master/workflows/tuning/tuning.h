@@ -51,6 +51,15 @@ struct Run {
   double checkpoint = 10;        // s of wall time between two writings of resume.json; 0: none during the search
 };
 
+/// What a log tells before a solution.
+struct LogCheck {
+  identification::Excitation excitation;
+  Eigen::VectorXd prior;              // n: RMS errors of the URDF on the training part, N.m
+  std::vector<std::string> warnings;  // of robot, log and motion
+  std::vector<std::string> evidence;  // sentences: what is wrong with the log, with options that were not tried
+};
+LogCheck check_log(const Settings& settings, const Data& data);
+
 /// The whole tuning: writes robot.urdf, drive_train.ssv, torques.csv, motion.csv, twin.ssd, report.md, figures.json and
 /// resume.json into run.out. If hooks.stop returns true during a search, the best result so far is written (without
 /// torques.csv, motion.csv and twin.ssd; with a swarm, without the feasible reference) and the result is `interrupted`. Before
