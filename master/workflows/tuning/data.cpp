@@ -149,9 +149,9 @@ Data load_data(const Settings& settings, const Hooks& hooks) {
   data.load_robot = data.robot;
   identification::Diagnosis diagnosis(data.robot, model_of(settings, data.survey), data.smoothing.step);
   compress(settings, data, hooks, &diagnosis);
-  identification::Diagnosed found = diagnosis.findings();
-  data.findings = std::move(found.findings);
-  data.truth = std::move(found.truth);
+  identification::Diagnosed diagnosed = diagnosis.findings();
+  data.findings = std::move(diagnosed.findings);
+  data.truth = std::move(diagnosed.truth);
   // The load of gears is the gravity of the real robot, not of the prior. A quick estimate from the training part is near
   // enough to the final one (three passes agree to 1e-3).
   for (int pass = 0; pass < 2 && settings.model.load; ++pass) {
