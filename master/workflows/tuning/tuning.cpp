@@ -95,7 +95,9 @@ std::vector<std::string> warnings_of(const Data& data, const identification::Exc
 
 /// Evidence, verdicts, alarms and warnings.
 void judge(const Settings& settings, const Data& data, const Hooks& hooks, Result& result) {
-  if (!data.findings.empty() && !result.interrupted)
+  if (result.interrupted)
+    result.repairs.untried = options_of(settings, data);
+  else if (!data.findings.empty())
     result.repairs = find_repairs(settings, data, result.evaluation, result.tuned, hooks);
   result.evidence = evidence(settings, data, result.repairs);
   if (!result.bounds.alarm.empty()) result.evidence.push_back(result.bounds.alarm);
