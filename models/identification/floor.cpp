@@ -247,7 +247,7 @@ void Problem::Impl::find_silent() {
 }
 
 /// The equation of a passive joint, 0 = Y β + friction, is data as those of the others are, but zero solves it alone. At the
-/// beginning it gets the torque that the prior's bodies would need there, and the mean relative error of the other joints.
+/// beginning it gets the size of its terms with the prior's bodies, whose sum is zero for the true ones, and the mean relative error of the other joints.
 void Problem::Impl::weigh_passive(VectorXd& tau_rms, VectorXd& own) const {
   const double N = data.weight();
   double relative = 0;
@@ -270,9 +270,10 @@ void Problem::Impl::weigh_passive(VectorXd& tau_rms, VectorXd& own) const {
     if (!prior.joints[static_cast<std::size_t>(j)].passive) continue;
     const TorqueData::Columns& c = data.columns(j);
     const Eigen::Map<const RowMajor> R(data.triangle(j).R(), c.size(), c.size());
-    VectorXd needed = VectorXd::Zero(c.size());
-    for (std::size_t i = 0; i < c.base.size(); ++i) needed += R.col(c.drive + static_cast<Index>(i)) * beta[c.base[i]];
-    tau_rms[j] = needed.norm() / std::sqrt(N);
+    double square = 0;
+    for (std::size_t i = 0; i < c.base.size(); ++i)
+      square += (R.col(c.drive + static_cast<Index>(i)) * beta[c.base[i]]).squaredNorm();
+    tau_rms[j] = std::sqrt(square / N);
     own[j] = N * relative / measured * tau_rms[j] * tau_rms[j];
   }
 }
@@ -315,12 +316,14 @@ void Problem::Impl::solve_floor() {
   weigh_passive(tau_rms, own);
   // A joint that stands still may be explained to rounding: its weight stays finite.
   constexpr double kLeastTorque = 1e-3;  // of the largest joint's
-  const VectorXd least = kLeastSigma * tau_rms.cwiseMax(kLeastTorque * tau_rms.maxCoeff());
+  VectorXd least = kLeastSigma * tau_rms.cwiseMax(kLeastTorque * tau_rms.maxCoeff());
   const bool given = options.sigma.size() != 0;
   if (given && (options.sigma.size() != joints || !(options.sigma.array() > 0).all()))
     throw Error("sigma", "of " + std::to_string(options.sigma.size()) + " joints, expected " + std::to_string(joints) +
                              " values above 0");
   sigma = given ? options.sigma : (own / N).cwiseSqrt().cwiseMax(least).eval();
+  for (int j = 0; j < joints; ++j)  // zero solves it to rounding, and more weight would make bodies of nothing
+    if (prior.joints[static_cast<std::size_t>(j)].passive) least[j] = sigma[j];
 
   const bool shaped = lower.size() > inertial();
 

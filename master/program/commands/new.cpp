@@ -18,18 +18,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// As a word that a shell takes as it is.
-std::string for_a_shell(const fs::path& path) {
-  const std::string text = path.string();
-  const bool is_plain = std::ranges::all_of(text, [](unsigned char c) {
-    return std::isalnum(c) != 0 || c > 127 || std::string_view("/._-+").find(static_cast<char>(c)) != std::string_view::npos;
-  });
-  if (is_plain) return text;
-  std::string quoted = "'";
-  for (const char c : text) quoted += c == '\'' ? std::string("'\\''") : std::string(1, c);
-  return quoted + "'";
-}
-
 struct NewArguments {
   starter::Request request;
   fs::path out;
@@ -74,7 +62,7 @@ int new_scenario(NewArguments a) {
     std::cout << place.string() << '\n';
   }
   for (const std::string& note : made.sketch.notes) std::cout << "note: " << note << '\n';
-  std::cout << "run it with: cotwin run " << for_a_shell(a.out / "twin.ssd") << '\n';
+  std::cout << "run it with: cotwin run " << text::for_a_shell((a.out / "twin.ssd").string()) << '\n';
   return kExitDone;
 }
 

@@ -68,7 +68,7 @@ int check_command(const TuneArguments& arguments, const tuning::Settings& settin
   for (const std::string& warning : check.warnings) std::cerr << "cotwin: warning: " << warning << '\n';
   for (const std::string& sentence : check.evidence) std::cerr << "cotwin: " << sentence << '\n';
   if (!prints && check.evidence.empty()) std::cout << "nothing against this log\n";
-  return check.evidence.empty() ? kExitDone : kExitRunFailed;
+  return check.evidence.empty() || arguments.accept_result ? kExitDone : kExitRunFailed;
 }
 
 int tune_command(const TuneArguments& arguments, const std::vector<std::string>& given) {
@@ -101,6 +101,10 @@ int tune_command(const TuneArguments& arguments, const std::vector<std::string>&
                                         : fs::path("results") / file_name_of("tune_" + settings.data.front().stem().string());
   const int cores = static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
   if (!arguments.json.empty() && !arguments.check) throw Error("--json", "is for --check, expected both");
+  for (const auto* logs : {&settings.data, &settings.held_out})
+    for (const fs::path& log : *logs)
+      if (std::error_code none; fs::equivalent(log, arguments.json, none))
+        throw Error("--json " + arguments.json, "is a log, expected another file");
   ResultsFolder results(run.out);
   run.threads = arguments.threads.value_or(std::min(cores, 8));
 
@@ -138,9 +142,9 @@ int tune_command(const TuneArguments& arguments, const std::vector<std::string>&
       if (result.evaluation.replay) std::cout << "the tuned twin: cotwin run " << (run.out / "twin.ssd").string() << '\n';
     }
     write_report_page(run.out, arguments.quiet);
+    for (const std::string& sentence : result.evidence) std::cerr << "cotwin: " << sentence << '\n';
     if (!result.interrupted) {
-      for (const auto* sentences : {&result.evidence, &result.verdicts})
-        for (const std::string& sentence : *sentences) std::cerr << "cotwin: " << sentence << '\n';
+      for (const std::string& sentence : result.verdicts) std::cerr << "cotwin: " << sentence << '\n';
       if (result.alarms.empty() || arguments.accept_result) return kExitDone;
       std::cerr << "cotwin: the log or the result is not to be trusted (--accept-result accepts it)\n";
       return kExitRunFailed;

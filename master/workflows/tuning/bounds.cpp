@@ -21,6 +21,9 @@ struct Wider {
   double factor;
   double B::*least = nullptr;
   std::string value = {}, of = {};
+
+  /// Widens as far as the option goes.
+  void widen(double by, const B& b) { factor = option.empty() ? by : std::min(by, most_of_bound(kind) / b.*most); }
 };
 
 std::string figure(double x, int count = 3) { return text::to_text(x, count); }
@@ -40,6 +43,7 @@ std::vector<Wider> active(const B& b, const std::vector<identification::ActiveBo
     for (Wider& kind : kinds)
       if (kind.kind == bound.kind) text::append(kind.of, bound.of);
   std::erase_if(kinds, [](const Wider& kind) { return kind.of.empty(); });
+  for (Wider& kind : kinds) kind.widen(kind.factor, b);
   return kinds;
 }
 
@@ -102,7 +106,7 @@ BoundsCost cost_of_bounds(const Settings& settings, const Data& data, const iden
   const auto first = std::ranges::min_element(alone.begin(), alone.begin() + static_cast<std::ptrdiff_t>(bodies));
   if (enough(*first)) of_bodies = {kinds[static_cast<std::size_t>(first - alone.begin())]};
   for (const double factor : {2.0, 4.0, 10.0}) {
-    for (Wider& kind : of_bodies) kind.factor = factor;
+    for (Wider& kind : of_bodies) kind.widen(factor, b);
     wider = with(of_bodies);
     if (enough(wider.weighted_rms)) break;
   }

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 #include <optional>
 
 #include "master/workflows/tuning/evidence.h"
@@ -21,9 +22,7 @@ struct Reading {
   std::string options;
 
   void add(const std::string& option, const std::string& list) {
-    const bool plain =
-        list.find_first_not_of("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_,.-+") == std::string::npos;
-    text::append(options, option + " " + (plain ? list : "'" + list + "'"), " ");
+    text::append(options, option + " " + text::for_a_shell(list), " ");
   }
   /// The columns of the survey in another order.
   void set_columns(const char* option, std::string& columns, const Data& data, const Order& order,
@@ -49,20 +48,24 @@ struct Reading {
   }
 };
 
-/// `positions`: where a sign is wrong, it is that of the position.
-Reading reading_of(const Settings& settings, const Data& data, bool positions) {
+/// `positions`: where a sign is wrong, it is that of the position. `scales`: the scales of the settings go with the columns that are exchanged, otherwise they
+/// stay with the joints.
+Reading reading_of(const Settings& settings, const Data& data, bool positions, bool scales) {
   const identification::Hypothesis& truth = data.truth;
   Reading r{settings, ""};
   trajectory::RecordingFormat& format = r.settings.format;
   const std::vector<double> ones(truth.sign.size(), 1.0), &signs = truth.sign;
   const bool order = !std::ranges::is_sorted(truth.joint);
+  Order own(truth.joint.size());
+  std::iota(own.begin(), own.end(), 0);
+  const Order &of_q = scales ? truth.joint : own, &of_tau = scales ? truth.column : own;
   if (order && !format.theta_columns.empty()) return r;  // whose names the survey does not have
   r.set_columns("--q-columns", format.q_columns, data, truth.joint, &JointSurvey::q_column);
   if (order && data.survey.has_speeds) r.add("--dq-columns", format.dq_columns = "none");
   r.set_columns("--tau-columns", format.tau_columns, data, truth.column, &JointSurvey::tau_column);
-  r.set_numbers("--q-scale", format.q_scale, truth.joint, positions ? signs : ones, 1);
-  r.set_numbers("--q-offset", format.q_offset, truth.joint, positions ? signs : ones, 0, format.angle_unit);
-  r.set_numbers("--tau-scale", format.tau_scale, truth.column, positions ? ones : signs, 1);
+  r.set_numbers("--q-scale", format.q_scale, of_q, positions ? signs : ones, 1);
+  r.set_numbers("--q-offset", format.q_offset, of_q, positions ? signs : ones, 0, format.angle_unit);
+  r.set_numbers("--tau-scale", format.tau_scale, of_tau, positions ? ones : signs, 1);
   if (truth.rate != 1) {
     format.rate = std::stod(text::to_text(data.survey.rate() * truth.rate, 4));
     r.add("--rate", text::to_text(format.rate));
@@ -72,16 +75,20 @@ Reading reading_of(const Settings& settings, const Data& data, bool positions) {
 
 /// Those with options.
 std::vector<Reading> readings_of(const Settings& settings, const Data& data) {
-  std::vector<Reading> all{reading_of(settings, data, false)};
-  if (std::ranges::count(data.truth.sign, 1.0) < std::ssize(data.truth.sign)) all.push_back(reading_of(settings, data, true));
-  std::erase_if(all, [](const Reading& reading) { return reading.options.empty(); });
+  std::vector<Reading> all;
+  for (const bool scales : {true, false})
+    for (const bool positions : {false, true}) {
+      Reading reading = reading_of(settings, data, positions, scales);
+      if (!reading.options.empty() && std::ranges::find(all, reading.options, &Reading::options) == all.end())
+        all.push_back(std::move(reading));
+    }
   return all;
 }
 
 struct Trial {
   Repair repair;
   std::size_t alarms = 0;
-  double score = 0;  // Σ ln of the errors on the training part
+  double training = 0, judged = 0;  // Σ ln of the errors, on the training part and on the held-out part, if there is one
 };
 
 /// nullopt: the log cannot be read so, or no robot fits it.
@@ -97,9 +104,9 @@ std::optional<Trial> try_out(const Reading& reading, const Hooks& hooks) {
                                                   {"feasible", found.estimate},
                                                   {"floor", problem.floor_estimate()}});
     Trial trial{{reading.options, {}, (evaluation.held_out ? *evaluation.held_out : evaluation.training).of[1].rms},
-                count_alarms(data, evaluation, 1),
-                0};
-    for (const double error : evaluation.training.of[1].rms) trial.score += std::log(std::max(error, 1e-300));
+                count_alarms(data, evaluation, 1)};
+    for (const double error : evaluation.training.of[1].rms) trial.training += std::log(std::max(error, 1e-300));
+    for (const double error : trial.repair.after) trial.judged += std::log(std::max(error, 1e-300));
     return trial;
   } catch (const Error&) {
     return std::nullopt;
@@ -130,8 +137,12 @@ Repairs find_repairs(const Settings& settings, const Data& data, const Evaluatio
     repairs.untried = options_of(settings, data);
     return repairs;
   }
-  std::ranges::stable_sort(trials, {}, &Trial::score);
-  if (trials.size() == 2 && trials[1].score - trials[0].score >= kTells) trials.pop_back();
+  if (!trials.empty()) {
+    const double best = std::ranges::min(trials, {}, &Trial::training).training;
+    std::erase_if(trials, [&](const Trial& trial) { return trial.training - best >= kTells; });
+  }
+  std::ranges::stable_sort(trials, {}, &Trial::judged);
+  if (trials.size() > 2) trials.resize(2);
   for (Trial& trial : trials) {
     trial.repair.before = (evaluation.held_out ? *evaluation.held_out : evaluation.training).of[tuned].rms;
     repairs.found.push_back(std::move(trial.repair));

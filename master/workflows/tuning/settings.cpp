@@ -166,7 +166,13 @@ Settings settings_from_json(const json& object, const std::string& place) {
   return settings;
 }
 
+double most_of_bound(identification::ActiveBound::Kind kind) {
+  using enum identification::ActiveBound::Kind;
+  return kind == kMass || kind == kStretch ? 1e4 : 1e3;
+}
+
 void check(const Settings& s) {
+  using enum identification::ActiveBound::Kind;
   const auto within = [](const char* name, double value, double least, double most) {
     if (!(value >= least && value <= most)) {
       throw Error(name, text::to_text(value) + ", expected " + text::to_text(least) + " to " + text::to_text(most));
@@ -178,10 +184,10 @@ void check(const Settings& s) {
   within("--order", s.order, 1, 8);
   within("--margin", s.margin, -1, 1e6);
   within("--prior-weight", s.prior_weight, 0, 1e6);
-  within("--mass-factor", s.bounds.mass_factor, 1.01, 1e4);
-  within("--stretch-factor", s.bounds.stretch_factor, 1.01, 1e4);
-  within("--shear", s.bounds.shear, 0.01, 1e3);
-  within("--shift", s.bounds.shift, 0.01, 1e3);
+  within("--mass-factor", s.bounds.mass_factor, 1.01, most_of_bound(kMass));
+  within("--stretch-factor", s.bounds.stretch_factor, 1.01, most_of_bound(kStretch));
+  within("--shear", s.bounds.shear, 0.01, most_of_bound(kShear));
+  within("--shift", s.bounds.shift, 0.01, most_of_bound(kShift));
   within("--skip-rows", s.skip_rows, 0, 0.5);
   within("--rounds", s.rounds, 1, 1e9);
   within("--particles", s.particles, 4, 1e6);

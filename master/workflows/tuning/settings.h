@@ -49,6 +49,9 @@ robot::RobotModel load_robot(const Settings& settings, std::vector<std::string>*
 
 identification::ProblemOptions problem_options(const Settings& settings);
 
+/// The largest value of --mass-factor, --stretch-factor, --shear or --shift.
+double most_of_bound(identification::ActiveBound::Kind kind);
+
 nlohmann::json to_json(const Settings& settings);
 /// Throws Error `place: …` for missing settings, settings of another type, and values out of range.
 Settings settings_from_json(const nlohmann::json& json, const std::string& place);

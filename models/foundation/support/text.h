@@ -32,6 +32,9 @@ std::string joined(std::span<const double> numbers);
 /// "1 message", "2 messages".
 std::string counted(std::int64_t number, const std::string& one);
 
+/// As a word that a shell takes as it is: in quotes where it needs them.
+std::string for_a_shell(std::string_view word);
+
 /// what() without a name of an exception of nlohmann's in front, such as "[json.exception.parse_error.101] ".
 std::string reason_of(const std::exception& error);
 

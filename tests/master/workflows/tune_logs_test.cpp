@@ -199,7 +199,7 @@ TEST(TuneAlarm, EvidenceOfAWrongLogNamesTheOptionsThatMendIt) {
     std::vector<std::string> found;
     for (const nlohmann::json& finding : figures["findings"]) found.push_back(finding["kind"]);
     EXPECT_EQ(found, kinds);
-    const RunResult mended = run(tune + mends);
+    const RunResult mended = run(tune + mends + (mends.find("--tau-scale") == std::string::npos ? " " + given : ""));
     EXPECT_EQ(mended.code, 0) << mended.err;
     for (const nlohmann::json& repair : figures["repair"]) {
       if (repair["options"] != mends) continue;
@@ -220,6 +220,13 @@ TEST(TuneAlarm, EvidenceOfAWrongLogNamesTheOptionsThatMendIt) {
       },
       "--tau-columns tau3,tau2,tau1,tau4,tau7,tau6,tau5 --tau-scale 0.25,1,1,1,1,1,1", {"torque columns", "torque columns"},
       "--tau-scale 1,1,0.25,1,1,1,1");
+  expect(
+      "exchanged, and the scale is right: it is the joint's",
+      [&](std::size_t, std::vector<double>& cells) {
+        cells[8] *= 1.25;
+        swap(cells, 8, 10);
+      },
+      "--tau-columns tau3,tau2,tau1,tau4,tau5,tau6,tau7", {"torque columns"}, "--tau-scale 0.8,1,1,1,1,1,1");
   expect("joints exchanged",
          [&](std::size_t, std::vector<double>& cells) {
            swap(cells, 3, 5);
@@ -274,7 +281,11 @@ TEST(TuneAlarm, CheckTellsTheSameWithoutASolutionOrAFolder) {
   EXPECT_EQ(told["joints"].size(), 7u);
   EXPECT_GT(told["joints"][1]["prior"], 1.0);
   EXPECT_FALSE(fs::exists(robot().folder / "checked"));
+  EXPECT_EQ(run(tune + "wrong.csv --accept-result").code, 0);
   EXPECT_EQ(run(tune + "none.csv").code, 2);
+  const std::string log = content(robot().folder / "log.csv");
+  EXPECT_THAT(run(tune + "log.csv --json ./log.csv").err, HasSubstr("--json ./log.csv: is a log"));
+  EXPECT_EQ(content(robot().folder / "log.csv"), log);
   EXPECT_THAT(run("tune --robot prior.urdf --data log.csv --json -").err, HasSubstr("--json: is for --check"));
 }
 

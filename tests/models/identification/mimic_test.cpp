@@ -123,6 +123,24 @@ TEST(IdentificationPassive, UsesThatNoTorqueActsThere) {
   EXPECT_LT(error.rms[1], 0.01 * largest);
 }
 
+// Without friction zero solves its equation to rounding: a weight from that would let bodies vanish.
+TEST(IdentificationPassive, HasTheRelativeErrorOfTheOthersAtLeast) {
+  robot::UrdfOptions options;
+  options.passive = {"knuckle"};
+  const robot::RobotModel robot = finger(options);
+  Estimate truth = truth_of(robot, false);
+  truth.drive[1] = {};
+  for (const double noise : {1e-3, 1e-2}) {
+    TorqueData data(robot, options_with(true));
+    add(data, passive_samples(robot, truth, 1, noise));
+    const Problem problem(data, robot, {});
+    const auto found = solve_feasible(problem);
+    EXPECT_GT(problem.sigma()[1], 0.01 * noise) << noise;
+    EXPECT_LT(found.weighted_rms, 1.1) << noise;
+    EXPECT_TRUE(problem.active_bounds(found.xi).empty()) << noise;
+  }
+}
+
 TEST(IdentificationPassive, NeedsAMeasuredTorqueSomewhere) {
   robot::UrdfOptions options;
   options.passive = {"knuckle", "shoulder"};
