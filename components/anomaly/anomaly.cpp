@@ -28,7 +28,7 @@ bool all_finite(const std::vector<double>& v) {
 void Anomaly::declare_settings(SettingList& s) {
   s.set_first_variables(
       {"q", "dq", "tau", "residual", "rms", "comparing", "event_count", "event_joint", "event_hint", "event_size"});
-  s.robot("the robot as it was tuned: a name in models/robots, or a path to a URDF file", true).required();
+  s.robot("the robot as it was tuned: a name in models/robots, or a path to a URDF file").required();
   s.choice("torques", {"motor", "joint"}, "where they are measured: at the motors, times the gear ratio, or behind the gears");
 }
 

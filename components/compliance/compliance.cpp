@@ -52,7 +52,7 @@ std::unique_ptr<CartesianMotion> cartesian(Settings& settings, const robot::Robo
 
 void Compliance::declare_settings(SettingList& s) {
   s.set_first_variables({"q_d", "q", "tau_e", "q_c", "tau_m", "S_a", "M_a", "zeta_a", "K", "omega"});
-  s.robot("a name in models/robots, or a path to a URDF file", true).required();
+  s.robot("a name in models/robots, or a path to a URDF file").required();
   s.choice("base", {"fixed", "floating"}, "the base of the robot is fixed or moves freely, for example a satellite's");
   s.choice("space", {"joints", "cartesian"}, "compliance of each joint, or of a frame of the robot (3a), (3b)");
   CartesianMotion::declare_settings(s);

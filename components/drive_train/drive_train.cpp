@@ -45,7 +45,7 @@ std::ptrdiff_t for_each_tunable(std::size_t joints, const Visit& visit) {
 
 void DriveTrain::declare_settings(SettingList& s) {
   s.set_first_variables({"tau_m", "tau_e", "q", "dq", "theta", "tau_J", "tau_f", "q0", "K", "B"});
-  s.robot("a name in models/robots, or a path to a URDF file; with link_side=outside it may be left out", true);
+  s.robot("a name in models/robots, or a path to a URDF file; with link_side=outside it may be left out");
   s.integer("joints", 1, 1, 1000, "number of joints where there is no robot, with link_side=outside");
   s.choice("link_side", {"inside", "outside"},
            "where the link side (2a) is integrated: in this unit, or in another that gives q");

@@ -34,8 +34,7 @@ void Energy::declare_settings(SettingList& s) {
   s.robot(
       "the robot with the drives: joints without a motor draw nothing, and a file energy.ssv beside it has its values; a name "
       "in "
-      "models/robots or a path to a URDF file; none: the setting joints",
-      false);
+      "models/robots or a path to a URDF file; none: the setting joints");
   s.integer("joints", 1, 1, 1000, "number of joints where there is no robot");
   s.choice(
       "bus", {"shared", "none", "grid"},

@@ -37,7 +37,7 @@ constexpr const char* kNoLimit = "tau_max is not given for joints that then add 
 void Indices::declare_settings(SettingList& s) {
   s.set_first_variables(
       {"q", "dq", "u", "effective_mass", "effective_inertia", "speed", "v_max", "kin_v", "kin_v_lengths", "warning"});
-  s.robot("a name in models/robots, or a path to a URDF file", true).required();
+  s.robot("a name in models/robots, or a path to a URDF file").required();
   s.text("frame", "",
          "frame E of the robot to which the indices belong: a link of the URDF; none: the end of the longest chain");
   s.choice("direction", {"frame", "world", "motion"},

@@ -42,7 +42,7 @@ std::unique_ptr<Link> make_link(Settings& settings, std::vector<trajectory::Axis
 
 void Io::declare_settings(SettingList& s) {
   s.set_first_variables({"q_command", "q", "dq", "tau", "tau_e", "fresh", "t_measured", "done", "file", "warning"});
-  s.robot("a name in models/robots, or a path to a URDF file, for the number of joints, their names and their limits", false);
+  s.robot("a name in models/robots, or a path to a URDF file, for the number of joints, their names and their limits");
   s.integer("joints", 1, 1, 1000, "number of joints").fallback_rule("the robot's, else 1");
   s.choice("link", {"recording", "sensors", "fri", "fri_controller", "ethercat", "ethercat_bus", "rtde", "rtde_controller"},
            "what is behind the ports: a recording, the sensors of an emulated robot, a KUKA robot (FRI), devices on an "

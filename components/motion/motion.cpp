@@ -34,7 +34,7 @@ std::string number(double x) { return text::to_text(x, 6); }
 
 void Motion::declare_settings(SettingList& s) {
   s.set_first_variables({"q_d", "dq_d", "ddq_d", "done", "duration", "waypoint_t", "waypoint_q", "t_start", "loop", "limits"});
-  s.robot("a name in models/robots, or a path to a URDF file, for the number of joints, their names and their limits", false);
+  s.robot("a name in models/robots, or a path to a URDF file, for the number of joints, their names and their limits");
   s.integer("joints", 1, 1, 1000, "number of joints").fallback_rule("the robot's, else 1");
   s.choice("kind", {"waypoints", "polynomial", "csv"}, "source of the motion; csv: a recording");
   declare_source_settings(s);

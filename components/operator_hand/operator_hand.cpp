@@ -68,8 +68,7 @@ struct OperatorHand::Gripped {
 
 void OperatorHand::declare_settings(SettingList& s) {
   s.set_first_variables({"p", "v", "tau_e", "f", "grip", "waypoint_t", "waypoint_p", "K_h", "D_h", "m_h"});
-  s.robot("the robot whose frame is gripped, a name in models/robots or a path to a URDF file; none: p and v are inputs",
-          false);
+  s.robot("the robot whose frame is gripped, a name in models/robots or a path to a URDF file; none: p and v are inputs");
   s.text("frame", "", "with a robot: the frame that is gripped; none: the end of the longest chain");
   s.integer("points", 2, 2, 1000, "number of waypoints of the intention");
   s.integer("history", 1000, 2, 1'000'000, "samples kept for reaction_delay, more than reaction_delay/step");

@@ -92,7 +92,7 @@ scene::Cell Settings::cell() {
   std::string key = kCellKey + text::joined({scene_file.string(), tools, reaction}, "\n");
   const auto place = [&](const std::string& name, const fs::path& urdf) {
     RobotRequest request{name, urdf, choice("robot_shapes"), {}};
-    request.options.unphysical = unphysical_of(reaction);
+    robot::take_unphysical(reaction, request.options);
     read_joint_settings("unit:" + unit_, name, text("lock"), text("passive"), request.options);
     key += "\n" + text::joined({name, urdf.string(), request.shapes, text("lock"), text("passive")}, "\n");
     requests.push_back(std::move(request));

@@ -54,9 +54,4 @@ void check_joint_settings(const std::string& place, const std::set<std::string>&
   }
 }
 
-robot::Unphysical unphysical_of(const std::string& choice) {
-  if (choice == "estimate") return robot::Unphysical::kEstimate;
-  return choice == "warn" ? robot::Unphysical::kWarn : robot::Unphysical::kError;
-}
-
 }  // namespace cotwin

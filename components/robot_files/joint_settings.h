@@ -14,7 +14,4 @@ void read_joint_settings(const std::string& place, const std::string& robot, con
 void check_joint_settings(const std::string& place, const std::set<std::string>& robots, const std::string& lock,
                           const std::string& passive);
 
-/// The choice of the setting `unphysical`.
-robot::Unphysical unphysical_of(const std::string& choice);
-
 }  // namespace cotwin

@@ -11,12 +11,13 @@ namespace cotwin {
 
 robot::RobotModel Settings::robot(Masses masses) {
   robot::UrdfOptions options;
-  const std::string reaction = masses == Masses::kUnused ? "warn" : choice("unphysical"), locked = text("lock"),
-                    passive = text("passive");
-  options.unphysical = unphysical_of(reaction);
+  const std::string reaction = choice("unphysical"), locked = text("lock"), passive = text("passive");
+  robot::take_unphysical(reaction, options);
+  if (masses == Masses::kUnused) options.unphysical = robot::Unphysical::kWarn;
   read_joint_settings("unit:" + unit_, "", locked, passive, options);
   const std::filesystem::path file = robot_file();
-  const std::string key = kRobotKey + text::joined({file.string(), reaction, locked, passive}, "\n");
+  const std::string key =
+      kRobotKey + text::joined({file.string(), reaction, masses == Masses::kUnused ? "unused" : "", locked, passive}, "\n");
   const auto found = read_once<FoundRobot>(models_.get(), key, [&] {
     FoundRobot made;
     made.model = robot::load_urdf(file, options, &made.warnings);

@@ -53,7 +53,7 @@ void expect_within(const char* place, double value, double least, double greates
 
 void Tuner::declare_settings(SettingList& s) {
   s.set_first_variables({"q", "dq", "tau", "enabled", "mass", "first_moment", "inertia", "rms", "rms_floor", "latency"});
-  s.robot("the prior: a name in models/robots, or a path to a URDF file", true).required();
+  s.robot("the prior: a name in models/robots, or a path to a URDF file").required();
   s.choice("friction", {"none", "coulomb", "sigmoid", "stribeck"}, "friction law that is identified");
   s.boolean("viscous", false, "whether viscous friction is identified").fallback_rule("true unless friction=none");
   s.boolean("offset", true, "whether a constant torque per joint is identified");

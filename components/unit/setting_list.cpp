@@ -91,9 +91,9 @@ SettingList::Declared SettingList::choice(std::string name, std::vector<std::str
   return add(std::move(setting));
 }
 
-SettingList::Declared SettingList::robot(std::string description, bool with_masses) {
+SettingList::Declared SettingList::robot(std::string description) {
   const Declared robot = text("robot", "", std::move(description));
-  if (with_masses) unphysical();
+  unphysical();
   joints_of_robot("");
   return robot;
 }
@@ -126,7 +126,8 @@ void SettingList::unphysical() {
   choice("unphysical", {"error", "warn", "estimate"},
          "reaction to inertias in the URDF that are missing or that no body can have: an error, used as they are with a "
          "warning, or "
-         "replaced by the closest that a body can have and by rods of aluminium (models/robot/urdf/estimate.h)");
+         "replaced by the closest that a body can have and by rods of aluminium (models/robot/urdf/estimate.h); warn also "
+         "ignores words without which the machine is another one");
 }
 
 const Setting* SettingList::find(std::string_view name) const {

@@ -54,12 +54,13 @@ class SettingList {
   /// The first of the choices is the default.
   Declared choice(std::string name, std::vector<std::string> choices, std::string description);
 
-  /// The settings that Settings::robot() reads: `robot`, `lock`, `passive` and, if the unit uses the robot's
-  /// masses, `unphysical`.
-  Declared robot(std::string description, bool with_masses);
+  /// The settings that Settings::robot() reads: `robot`, `unphysical`, `lock`, `passive`.
+  Declared robot(std::string description);
   /// The settings that Settings::cell() reads: `scene`, `robot`, `robots`, `unphysical`, `robot_shapes` with these choices, `lock`,
   /// `passive`.
   void cell(std::vector<std::string> shapes = {"all", "hulls", "none"});
+  /// The setting of robot::take_unphysical().
+  void unphysical();
 
   /// At most ten variables that a first scenario with the unit needs, for its reference page.
   void set_first_variables(std::vector<std::string> names) { first_variables_ = std::move(names); }
@@ -74,7 +75,6 @@ class SettingList {
 
  private:
   Declared add(Setting setting);
-  void unphysical();
   void joints_of_robot(const std::string& several);
 
   std::vector<Setting> list_;

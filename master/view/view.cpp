@@ -142,12 +142,13 @@ std::optional<Scenario> find_scenario(const ViewOptions& options, const Results&
   }
 }
 
-StagedModel named_robot(const std::string& name, const std::vector<fs::path>& folders) {
+StagedModel named_robot(const std::string& name, const std::vector<fs::path>& folders, std::vector<std::string>& remarks) {
   Settings settings("view", "", {}, folders);
   const fs::path urdf = settings.robot_file(name, " (another robot: --robot PATH.urdf)");
   robot::UrdfOptions options;
   options.unphysical = robot::Unphysical::kWarn;
-  return {std::make_shared<const robot::RobotModel>(robot::load_urdf(urdf, options)), urdf};
+  options.ignore_words = true;
+  return {std::make_shared<const robot::RobotModel>(robot::load_urdf(urdf, options, &remarks)), urdf};
 }
 
 /// What people should know of the run, as pairs of texts.
@@ -325,7 +326,7 @@ ViewSummary write_view(const ViewOptions& options, std::span<const UnitType> typ
   const std::vector<fs::path> folders = options.model_folders(scenario ? scenario->folder : fs::path());
   Scenery stage;
   if (!options.robot.empty()) {
-    stage = scenery_of(named_robot(options.robot, folders), staged);
+    stage = scenery_of(named_robot(options.robot, folders, remarks), staged);
   } else if (scenario) {
     stage = scenery_of(*scenario, staged, types, folders);
   }

@@ -31,8 +31,9 @@ struct Inertia {
   bool is_nothing() const { return mass == 0 && I_CC.isZero(0); }
   /// Reason why no rigid body has this mass distribution ("principal moments 0.1, 0.1, 0.3 kg m2 violate the triangle
   /// inequality"), or "" if one has. All zero is not physical. The triangle inequality may be violated by 0.15 % of the largest
-  /// moment, because published values are rounded.
-  std::string unphysical() const;
+  /// moment, because published values are rounded. Of a part of a body with kZero a principal moment may be 0, as those of a point mass.
+  enum class Least { kPositive, kZero };
+  std::string unphysical(Least least = Least::kPositive) const;
 };
 
 }  // namespace cotwin

@@ -205,6 +205,13 @@ TEST(Inertia, ThatIsUnphysicalIsReported) {
             "principal moments 0, 0.2, 0.2 kg m2 are not all > 0");  // a rod without thickness
   EXPECT_EQ(why(with_moments(std::numeric_limits<double>::infinity(), {1, 1, 1})),
             "mass, centre of mass or inertia is not finite");
+  // Of a part of a body.
+  const auto part = [](const Inertia& body) { return body.unphysical(Inertia::Least::kZero); };
+  for (const Vector3d& J : {Vector3d(0, 0, 0), Vector3d(0, 0.2, 0.2), Vector3d(0.1, 0.1, 0.2)})
+    EXPECT_EQ(part(with_moments(1, J)), "");
+  for (const Inertia& none : {with_moments(1, {-0.1, 0.2, 0.2}), with_moments(1, {0, 0.1, 0.2}), with_moments(0, {0, 0, 0}),
+                              with_moments(-1, {0, 0, 0})})
+    EXPECT_NE(part(none), "");
   Inertia skew = with_moments(1, {1, 1, 1});
   skew.I_CC(0, 1) = 0.1;
   EXPECT_EQ(why(skew), "the inertia matrix is not symmetric");

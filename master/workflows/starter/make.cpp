@@ -29,13 +29,6 @@ class Search {
  public:
   Search(const Request& request, std::span<const UnitType> types) : request_(request), types_(types) {}
 
-  /// Only reads the robot.
-  robot::RobotModel robot() {
-    prepare();
-    read();
-    return result_.model;
-  }
-
   Starter make() {
     if (!request_.end_effector.empty() && request_.kind != Kind::kContact)
       throw Error("--end-effector " + request_.end_effector, "is of --kind contact, expected that kind or no end-effector");
@@ -222,18 +215,9 @@ class Search {
   Starter result_;
 };
 
-/// Whether `estimate` reads something that `request` does not, or bodies otherwise than as they are.
-bool estimate_matters(const Request& request, const Request& estimate, std::span<const UnitType> types) {
-  try {
-    return Search(request, types).robot().bodies != Search(estimate, types).robot().bodies;
-  } catch (const Error&) {
-    return true;
-  }
-}
-
 constexpr const char* kUnits = "--urdf-units ";
 
-/// The line with the options that cure an error, or why those that were tried do not; "" if there are none. Units other than SI are a guess that a trial cannot
+/// The line with the options that cure an error, or why those that were tried do not; "" for an error that has no option. Units other than SI are a guess that a trial cannot
 /// confirm: a robot a thousand times as large may run as well.
 std::string advice(const Request& request, const std::string& options, const Error& error, std::span<const UnitType> types) {
   Request other = request;
@@ -242,15 +226,17 @@ std::string advice(const Request& request, const std::string& options, const Err
       units != nullptr && !units->units.empty() && request.units.empty()) {
     other.units = units->units;
     option = kUnits + units->units;
-  } else {
+  } else if (dynamic_cast<const robot::UnphysicalValue*>(&error) != nullptr) {
     other.unphysical = "estimate";
     option = "--unphysical estimate";
-    if (request.unphysical == "estimate" || !estimate_matters(request, other, types)) return "";
+  } else {
+    return "";
   }
   const std::string all = options + (options.empty() ? "" : " ") + option;
   const bool guesses_units = all.starts_with(kUnits) || all.find(" " + std::string(kUnits)) != std::string::npos;
   try {
-    (void)Search(other, types).make();
+    const Starter made = Search(other, types).make();
+    if (std::ranges::any_of(made.sketch.notes, [](const std::string& note) { return note.ends_with("; ignored"); })) return "";
     if (!guesses_units) return "\nit runs with: " + all;
     return "\nif its numbers are in these units it runs with: " + all + "; if they are in SI: " + std::string(kUnits) + "si";
   } catch (const Error& next) {

@@ -10,6 +10,7 @@
 #include <unordered_set>
 #include <utility>
 
+#include "models/foundation/formats/xml_text.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/file.h"
 #include "models/foundation/support/text.h"
@@ -151,7 +152,7 @@ void Reader::read_header(const Options& options) {
   while (!found && next_line()) {
     if (line_ == 1) {
       if (current_.substr(0, 2) == "\xFF\xFE" || current_.substr(0, 2) == "\xFE\xFF")
-        throw Error(file_, "is UTF-16, expected UTF-8");
+        throw Error(file_, xml::why_not_utf8(current_, ""));
       if (current_.substr(0, 3) == "\xEF\xBB\xBF") current_.remove_prefix(3);
     }
     if (current_.find('\r') != std::string_view::npos)

@@ -248,7 +248,7 @@ const std::string& Shared::text() const {
 Element parse(std::string_view text, const std::string& place, const Take& take) {
   if (const std::size_t bad = first_not_allowed(text); bad != std::string_view::npos) {
     const auto line = 1 + std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(bad), '\n');
-    throw Error(place + ":" + std::to_string(line), "a byte that is not UTF-8 text, expected XML in UTF-8");
+    throw Error(place + ":" + std::to_string(line), why_not_utf8(text, text));
   }
   return Builder(text, place, take).build();
 }

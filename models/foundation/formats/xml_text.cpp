@@ -33,6 +33,25 @@ std::size_t first_not_allowed(std::string_view s) {
   return std::string_view::npos;
 }
 
+std::string why_not_utf8(std::string_view text, std::string_view document) {
+  const auto convert = [](const std::string& from) { return ", expected UTF-8: iconv -f " + from + " -t UTF-8"; };
+  if (text.starts_with("\xFF\xFE") || text.starts_with("\xFE\xFF") || text.substr(0, 2).find('\0') != std::string_view::npos)
+    return "UTF-16 text" + convert("UTF-16");
+  std::size_t bad = first_not_allowed(text);
+  if (bad == std::string_view::npos) return "";
+  const auto byte = static_cast<unsigned char>(text[bad]);
+  constexpr std::string_view kDigits = "0123456789ABCDEF";
+  const std::string shown = std::string("byte 0x") + kDigits[byte >> 4U] + kDigits[byte & 15U];
+  if (byte < 0x80) return shown + ", a character that XML cannot have, expected text";
+  const std::string_view declaration = document.substr(0, document.find("?>"));
+  const std::size_t at = declaration.starts_with("<?xml") ? declaration.find("encoding=") : std::string_view::npos;
+  const std::string_view rest = at == std::string_view::npos ? "" : declaration.substr(at + 9);
+  const std::string declared(rest.size() > 1 ? rest.substr(1, rest.find(rest[0], 1) - 1) : "");
+  const bool named =
+      !declared.empty() && declared.size() < 30 && is_xml_text(declared) && declared != "UTF-8" && declared != "utf-8";
+  return shown + " is not UTF-8" + (named ? " but " + declared + convert(declared) : convert("ISO-8859-1") + ", if it is that");
+}
+
 bool is_xml_text(std::string_view text) { return first_not_allowed(text) == std::string_view::npos; }
 
 std::size_t first_tag_with_more_attributes(std::string_view text, std::size_t most) {

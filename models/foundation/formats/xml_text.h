@@ -1,5 +1,6 @@
 #pragma once
 #include <cstddef>
+#include <string>
 #include <string_view>
 
 /// What text may be in an XML document; without a parser, so that exported units can check names.
@@ -7,6 +8,10 @@ namespace cotwin::xml {
 
 /// Index of the first byte that is not part of UTF-8 text with only characters that XML 1.0 allows (clause 2.2), or npos.
 std::size_t first_not_allowed(std::string_view text);
+
+/// Why `text` is not UTF-8, with the command that converts it: "UTF-16 text, expected UTF-8: iconv -f UTF-16 -t UTF-8", or its first byte that is
+/// not UTF-8, with the encoding that the XML declaration of `document` names; "" if it is.
+std::string why_not_utf8(std::string_view text, std::string_view document);
 
 /// Whether `text` is UTF-8 with only characters that XML 1.0 allows.
 bool is_xml_text(std::string_view text);

@@ -100,6 +100,10 @@ std::string closest(std::string_view wanted, const std::vector<std::string>& can
   std::size_t least = wanted.size() / 3 + 1;  // a larger distance is not a typing error
   constexpr std::size_t kLongest = 200;       // the search costs the product of the lengths
   if (wanted.size() > kLongest) return best;
+  const auto lower = [](char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c; };
+  const auto same =
+      std::ranges::find_if(candidates, [&](const std::string& c) { return std::ranges::equal(c, wanted, {}, lower, lower); });
+  if (same != candidates.end()) return *same;
   const std::string first_part = std::string(wanted) + "_";
   const auto whole = std::ranges::find_if(candidates, [&](const std::string& c) { return c.starts_with(first_part); });
   if (whole != candidates.end()) return *whole;

@@ -229,6 +229,7 @@ RobotHistory read_robot(const Json& json, const std::string& place) {
   }
   UrdfOptions options;
   options.unphysical = Unphysical::kWarn;
+  options.ignore_words = true;
   std::vector<std::string> warnings;
   history.robot = parse_urdf(members.text("urdf"), place + ", urdf", options, &warnings);
   const Json& changes = members.list("changes");

@@ -1,6 +1,7 @@
 #include "models/robot/urdf/units.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <optional>
 #include <utility>
@@ -90,6 +91,13 @@ UrdfUnits parse_urdf_units(const std::string& text, const std::string& place) {
   }
   if (!inertia_given) units.inertia = units.mass * units.length * units.length;
   return units;
+}
+
+bool is_si_unit(std::string_view word) {
+  constexpr std::array kWords = {"",       "si",    "SI",     "kg",  "kilogram", "kilograms", "m",      "meter",
+                                 "meters", "metre", "metres", "rad", "radian",   "radians",   "N",      "N.m",
+                                 "N*m",    "Nm",    "rad/s",  "m/s", "kg.m2",    "kg.m^2",    "kg*m^2", "kgm2"};
+  return std::ranges::find(kWords, text::trim(word)) != kWords.end();
 }
 
 bool is_si(const UrdfUnits& units, const std::string& quantity) {

@@ -25,6 +25,9 @@ struct UrdfUnits {
 /// Throws Error `place: …` with the quantities, or the units of one.
 UrdfUnits parse_urdf_units(const std::string& text, const std::string& place);
 
+/// Whether a word names a unit of SI in which files of robots have their numbers ("kg", "N.m", "rad/s", "SI"), or none.
+bool is_si_unit(std::string_view word);
+
 /// Whether the factor of a quantity ("length") is 1.
 bool is_si(const UrdfUnits& units, const std::string& quantity);
 

@@ -94,9 +94,15 @@ class Builder {
   void warn(const std::string& text) const {
     if (warnings_ != nullptr) warnings_->push_back(text);
   }
+  template <class Fault = Error>
   void complain(const std::string& place, const std::string& what, const std::string& consequence = "") const {
-    if (options_.unphysical == Unphysical::kError) throw Error(place, what);
+    if (options_.unphysical == Unphysical::kError) throw Fault(place, what);
     warn(place + ": " + what + (consequence.empty() ? "" : "; " + consequence));
+  }
+  /// Returns what stands in for an inertia that no body can have.
+  Inertia replaced(const Inertia& inertia, const std::string& place, const std::string& why) const;
+  std::string at_inertial(const std::string& link) const {
+    return document_.at(document_.links.at(link).inertial_line) + ": link '" + link + "'";
   }
 
   const UrdfDocument& document_;
@@ -106,6 +112,7 @@ class Builder {
   RobotModel robot_;
   std::vector<std::string> chosen_;      // links of the model: in the order of the file, or from the root to the tip
   std::map<std::string, Place> placed_;  // by link
+  std::map<int, std::string> thin_;      // by body: its first link of a mass with moments that are 0
   std::map<std::string, Following> followings_;
 };
 
@@ -301,21 +308,29 @@ void Builder::join_leader(const Mimic& mimic) {
   }
 }
 
-/// Adds the link to the body that it is fixed to.
+Inertia Builder::replaced(const Inertia& inertia, const std::string& place, const std::string& why) const {
+  if (options_.unphysical != Unphysical::kEstimate) {
+    complain<UnphysicalValue>(place, why, "kept unchanged");
+    return inertia;
+  }
+  const Inertia other = repaired(inertia);
+  complain(place, why, other.is_nothing() ? "not used" : "replaced by the closest that a body can have");
+  return other;
+}
+
+/// Adds the link to the body that it is fixed to. Moments that are 0 are judged there.
 void Builder::visit(const urdf::Link& link, const Place& place) {
   if (!place.X_BL.p.allFinite()) throw Error(at(link.name), "the position of its frame is not finite");
   placed_[link.name] = place;
   Inertia inertia = inertia_of(link);
-  if (const std::string why = inertia.is_nothing() ? "" : inertia.unphysical(); !why.empty()) {
-    const std::string inertial = document_.at(document_.links.at(link.name).inertial_line) + ": link '" + link.name + "'";
+  if (const std::string why = inertia.is_nothing() ? "" : inertia.unphysical(Inertia::Least::kZero); !why.empty()) {
     if (place.body < 0) {
       warn(at(link.name) + ": " + why + "; it does not move, so no torque depends on it");
-    } else if (options_.unphysical != Unphysical::kEstimate) {
-      complain(inertial, why, "kept unchanged");
     } else {
-      inertia = repaired(inertia);
-      complain(inertial, why, inertia.is_nothing() ? "not used" : "replaced by the closest that a body can have");
+      inertia = replaced(inertia, at_inertial(link.name), why);
     }
+  } else if (!inertia.is_nothing() && place.body >= 0 && !inertia.unphysical().empty()) {
+    thin_.try_emplace(place.body, link.name);
   }
   Inertia& body = place.body < 0 ? robot_.base.inertia : robot_.bodies[static_cast<std::size_t>(place.body)].inertia;
   body = body + inertia.seen_from(place.X_BL);
@@ -328,6 +343,10 @@ void Builder::check_masses() {
     if (!std::isfinite(body.inertia.mass) || !body.inertia.p_LC.allFinite() || !body.inertia.I_CC.allFinite()) {
       throw Error(at(body.name), "its inertia with all links fixed to it is not finite");
     }
+    if (const auto thin = thin_.find(i); thin != thin_.end()) {
+      Inertia& whole = robot_.bodies[static_cast<std::size_t>(i)].inertia;
+      if (const std::string why = whole.unphysical(); !why.empty()) whole = replaced(whole, at_inertial(thin->second), why);
+    }
     if (i < 0 || body.inertia.mass != 0) continue;
     std::string names;
     for (const std::string& name : chosen_) {
@@ -335,7 +354,7 @@ void Builder::check_masses() {
     }
     const std::string why = "joint '" + robot_.joint_of(i).name + "' moves no mass (" + names + "), expected > 0 kg";
     if (options_.unphysical != Unphysical::kEstimate) {
-      complain(at(body.name), why, "kept unchanged");
+      complain<UnphysicalValue>(at(body.name), why, "kept unchanged");
       continue;
     }
     if (estimates.empty()) estimates = estimated_inertia(robot_);
@@ -348,7 +367,15 @@ void Builder::check_masses() {
 RobotModel Builder::build() {
   robot_.name = urdf_.getName();
   for (const std::string& warning : document_.warnings) warn(warning);
-  for (const auto& [line, what] : document_.misspelled) complain(document_.at(line), what, "ignored");
+  for (const UrdfDocument::Refused& word : document_.refused) {
+    if (options_.ignore_words) {
+      warn(document_.at(word.line) + ": " + word.what + "; ignored");
+    } else if (!word.units.empty()) {
+      throw other_units(document_.at(word.line), {{word.what, word.units}});
+    } else {
+      throw Error(document_.at(word.line), word.what);
+    }
+  }
   if (document_.gravity) robot_.gravity = *document_.gravity;
   followings_ = follow_mimics(document_, options_.locked, warnings_);
   check_passive();
@@ -399,6 +426,12 @@ std::vector<UnitSuspicion> suspect_angles(const UrdfDocument& document) {
 
 }  // namespace
 
+void take_unphysical(std::string_view word, UrdfOptions& options) {
+  using enum Unphysical;
+  options.unphysical = word == "estimate" ? kEstimate : word == "warn" ? kWarn : kError;
+  options.ignore_words = word == "warn";
+}
+
 RobotModel parse_urdf(std::string_view xml, const std::string& place, const UrdfOptions& options,
                       std::vector<std::string>* warnings) {
   return build(read_urdf_document(xml, place), options, warnings);
@@ -428,6 +461,7 @@ void check_units(std::string_view converted, const std::string& place, const Urd
   const UrdfDocument document = read_urdf_document(converted, place);
   UrdfOptions options;
   options.unphysical = Unphysical::kWarn;
+  options.ignore_words = true;
   const RobotModel robot = build(document, options, nullptr);
   std::vector<UnitSuspicion> found = suspect_angles(document), left;
   for (UnitSuspicion& one : suspect_units(robot)) found.push_back(std::move(one));

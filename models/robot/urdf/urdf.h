@@ -6,6 +6,7 @@
 #include <string_view>
 #include <vector>
 
+#include "models/foundation/support/error.h"
 #include "models/robot/robot_model.h"
 
 namespace cotwin::robot {
@@ -14,12 +15,22 @@ namespace cotwin::robot {
 /// estimate.h describes.
 enum class Unphysical { kError, kWarn, kEstimate };
 
+/// The error of an unphysical inertia or a negative limit, which kEstimate cures.
+class UnphysicalValue : public Error {
+ public:
+  using Error::Error;
+};
+
 struct UrdfOptions {
   Unphysical unphysical = Unphysical::kError;
   std::string tip;                            // only the chain from the root to this link; "": the whole tree
   std::map<std::string, double> locked = {};  // joints that stand still, by name, at these positions (rad, m)
   std::set<std::string> passive = {};         // names of joints without a motor
+  bool ignore_words = false;                  // words without which the machine is another one are warnings
 };
+
+/// Takes the word of the setting `unphysical`: error, warn (which ignores words, too) or estimate.
+void take_unphysical(std::string_view word, UrdfOptions& options);
 
 /// Reads a URDF. Joints are in depth-first order, at each branch in the order of the file; frames in the order of the file's
 /// links, or from the root to the tip. A limit of ±inf or ±1.7976931348623157e308, and an effort or velocity limit of 0, mean
@@ -34,7 +45,8 @@ struct UrdfOptions {
 /// Floating and planar joints, mimics of an unknown joint, of themselves or of a joint outside the chain, and xacro files are
 /// errors. Throws Error `file:line: link 'x': …`. Unphysical::kWarn keeps links without a physical inertia and adds them to
 /// `warnings`, like everything else that could be interpreted differently; with it and with kEstimate negative limits of effort
-/// and speed mean no limit. Prints nothing.
+/// and speed mean no limit. An inertia is judged with all links that are fixed to it: a point mass is one. Words without which the machine is
+/// another one (urdf_words.h) are errors whatever `unphysical` is. Prints nothing.
 ///
 /// load_urdf throws Error if the numbers look like other units of measure than SI (units.h) and the file has no <si/>.
 RobotModel load_urdf(const std::filesystem::path& file, const UrdfOptions& options = {},

@@ -16,6 +16,7 @@
 #include "models/foundation/formats/xml_text.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
+#include "models/robot/urdf/urdf_words.h"
 
 namespace cotwin::robot {
 
@@ -89,17 +90,22 @@ class Reader {
                  ? std::string(element.Name()) + " '" + name + "'"
                  : "";
   }
-  void refuse_loop(const XMLElement& element);
+  void refuse(int line, const std::string& what) {
+    document_.refused.push_back({line, (owner_.empty() ? "" : owner_ + ": ") + what});
+  }
   void read_link(XMLElement& element);
   void read_joint(XMLElement& element);
 
   struct Unread {
     int line = 0, count = 0;
+    std::string more = {};
   };
   UrdfDocument document_;
+  std::string_view xml_;
   std::string owner_;                    // "link 'x'", for messages
   std::vector<std::string> attributes_;  // that the element has which was looked at last
   std::map<std::string, Unread> unread_;
+  std::vector<std::string> units_of_masses_;  // "" for one without
 };
 
 /// Tells of an attribute or child that is not read. Names with a prefix, such as drake:acceleration, are of others.
@@ -115,15 +121,14 @@ void Reader::tell_unknown(const XMLElement& element, const std::string& name, in
   const bool given =
       !near.empty() && (element.Attribute(near.c_str()) != nullptr || element.FirstChildElement(near.c_str()) != nullptr);
   const bool misspelled = !near.empty() && (!given || near == name) && owner != "robot" && owner != "link";
-  const char* const value = is_attribute ? element.Attribute(name.c_str()) : nullptr;
-  const bool is_spring =
-      value != nullptr && owner == "dynamics" && name == "spring_stiffness" && text::parse_real(value) != 0.0;
-  if (misspelled || is_spring) {
-    document_.misspelled.emplace_back(line, (owner_.empty() ? "" : owner_ + ": ") + what);
+  const std::string reason = misspelled ? "" : words::why_refused(element, name, is_attribute);
+  if (misspelled || !reason.empty()) {
+    refuse(line, what + reason);
     return;
   }
   Unread& unread = unread_[what];
   if (unread.count++ == 0) unread.line = line;
+  if (unread.more.empty()) unread.more = words::name_in_drives(element, name);
 }
 
 /// Removes all other attributes.
@@ -173,6 +178,8 @@ std::string Reader::name_in(const XMLElement& element, const char* attribute) co
   const char* const name = element.Attribute(attribute);
   if (name == nullptr) fail(element.GetLineNum(), std::string("<") + element.Name() + "> without '" + attribute + "'");
   if (!is_urdf_name(name)) {
+    if (const std::string why = xml::why_not_utf8(name, xml_); !why.empty())
+      fail(element.GetLineNum(), std::string("'") + attribute + "' of <" + element.Name() + ">: " + why);
     fail(element.GetLineNum(),
          std::string("'") + attribute + "' of <" + element.Name() + "> is empty, long or not plain text, expected a name");
   }
@@ -313,7 +320,12 @@ void Reader::read_link(XMLElement& element) {
     link.inertial_line = inertial->GetLineNum();
     link.X_LI = origin(*inertial);
     XMLElement& mass = required(*inertial, "mass");
+    const std::size_t refused = document_.refused.size();
+    const char* const unit = mass.Attribute("unit");
+    units_of_masses_.emplace_back(unit != nullptr ? unit : "");
     keep_attributes(mass, {"value"});
+    if (document_.refused.size() > refused && contains({"g", "lb"}, units_of_masses_.back()))
+      document_.refused.back().units = "mass=" + units_of_masses_.back();
     keep_children(mass, {});
     real(mass, "value");
     XMLElement& inertia = required(*inertial, "inertia");
@@ -392,29 +404,11 @@ void Reader::read_joint(XMLElement& element) {
   document_.joints.emplace(name, joint);
 }
 
-/// Complains of an element beside links and joints that closes a loop of them: <loop_joint>, <constraint>, and <gazebo> with a <joint> that
-/// has a parent and a child.
-void Reader::refuse_loop(const XMLElement& element) {
-  std::string kind = element.Name();
-  kind = kind.substr(kind.find(':') + 1);
-  const XMLElement* closing = kind == "loop_joint" || kind == "constraint" ? &element : nullptr;
-  if (kind == "gazebo")
-    for (const XMLElement* joint = element.FirstChildElement("joint"); joint != nullptr;
-         joint = joint->NextSiblingElement("joint"))
-      if (joint->FirstChildElement("parent") != nullptr && joint->FirstChildElement("child") != nullptr) closing = joint;
-  if (closing == nullptr) return;
-  const char* const name = closing->Attribute("name");
-  document_.misspelled.emplace_back(
-      closing->GetLineNum(),
-      std::string("<") + closing->Name() + ">" + (name != nullptr ? " '" + std::string(name) + "'" : "") +
-          " closes a loop of links, which a URDF's tree cannot have: expected the mechanism as an SDF file in a "
-          "contact world (scene=FILE.sdf), whose joints may close loops");
-}
-
 UrdfDocument Reader::read(std::string_view xml) {
+  xml_ = xml;
   const std::string& place = document_.place;
   if (text::trim(xml).empty()) throw Error(place, "empty, expected a URDF");
-  if (xml.find('\0') != std::string_view::npos) throw Error(place, "not UTF-8 text, expected a URDF");
+  if (xml.find('\0') != std::string_view::npos) throw Error(place, xml::why_not_utf8(xml, xml));
   if (const std::size_t crowded = xml::first_tag_with_more_attributes(xml, kMostAttributes);
       crowded != std::string_view::npos) {
     const auto line = std::count(xml.begin(), xml.begin() + static_cast<std::ptrdiff_t>(crowded), '\n') + 1;
@@ -445,6 +439,7 @@ UrdfDocument Reader::read(std::string_view xml) {
     document_.warnings.push_back(document_.at(robot->GetLineNum()) + ": <robot> without 'name', called '" + name + "'");
   }
   name_in(*robot, "name");
+  std::vector<XMLElement*> others;
   for (tinyxml2::XMLNode* node = robot->FirstChild(); node != nullptr;) {
     tinyxml2::XMLNode* const next = node->NextSibling();
     XMLElement* const element = node->ToElement();
@@ -453,22 +448,28 @@ UrdfDocument Reader::read(std::string_view xml) {
       read_link(*element);
     } else if (kind == "joint") {
       read_joint(*element);
-    } else {
+    } else if (element != nullptr) {
       owner_.clear();
       if (kind == "gravity" && element->Attribute("xyz") != nullptr) document_.gravity = vector(*element, "xyz");
       if (kind == "si") document_.is_si = true;
-      if (element != nullptr) refuse_loop(*element);
-      if (kind != "" && kind != "gravity" && kind != "si" && !text::closest(kind, {"link", "joint"}).empty())
+      others.push_back(element);  // may refer to links and joints that follow
+      if (kind != "gravity" && kind != "si" && !text::closest(kind, {"link", "joint"}).empty())
         tell_unknown(*robot, std::string(kind), element->GetLineNum(), false, {"link", "joint"});
+    } else {
       robot->DeleteChild(node);
     }
     node = next;
   }
   owner_.clear();
   if (document_.links.empty()) fail(robot->GetLineNum(), "a robot without links");
+  words::read_others(others, document_);
+  for (XMLElement* const other : others) robot->DeleteChild(other);
+  for (const std::string& unit : units_of_masses_)
+    if (unit != units_of_masses_.front())
+      for (UrdfDocument::Refused& word : document_.refused) word.units.clear();
   for (const auto& [what, unread] : unread_)
     document_.warnings.push_back(document_.at(unread.line) + ": " + what +
-                                 (unread.count > 1 ? " (" + std::to_string(unread.count) + " times)" : ""));
+                                 (unread.count > 1 ? " (" + std::to_string(unread.count) + " times)" : "") + unread.more);
   check_urdf_tree(document_);
   tinyxml2::XMLPrinter printer(nullptr, true);
   robot->Accept(&printer);

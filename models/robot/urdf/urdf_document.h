@@ -49,8 +49,12 @@ struct UrdfDocument {
   double largest_angle = 0;                // of all rpy, as written
   int largest_angle_line = 0;
   std::vector<std::string> warnings;  // what could be read differently, and words that are not read
-  /// Unknown words that look as if they should change the dynamics, and elements that close loops, with their lines.
-  std::vector<std::pair<int, std::string>> misspelled;
+  struct Refused {
+    int line = 0;
+    std::string what;
+    std::string units = {};  // UrdfUnits that the word names, if they are those of all such numbers
+  };
+  std::vector<Refused> refused;  // words without which the machine is another one, see urdf_words.h
 
   std::string at(int line) const { return place + ":" + std::to_string(line); }
 };

@@ -67,6 +67,7 @@ void fix(XMLElement& joint, const Pose& X_PC) {
 std::string updated_urdf(std::string_view xml, const std::string& place, const RobotModel& robot) {
   UrdfOptions options;
   options.unphysical = Unphysical::kWarn;
+  options.ignore_words = true;
   options.locked = robot.locked;
   std::vector<std::string> ignored;
   const RobotModel written = parse_urdf(xml, place, options, &ignored);

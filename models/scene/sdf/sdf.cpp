@@ -270,6 +270,9 @@ void Reader::read_joint(const Element& element, Scope& scope) {
                 "a joint of type '" + type +
                     "', expected revolute, continuous, prismatic, ball, fixed, screw, universal, revolute2 or gearbox");
   }
+  if (const Element* const second = only(element, "axis2");
+      second != nullptr && !second->children.empty() && type != "universal" && type != "revolute2")
+    throw Error(second->place, "<axis2> of a joint of type '" + type + "', which has none, expected universal or revolute2");
   Joint joint;
   const std::string& own = xml::text(element, "name");
   joint.name = scope.prefix + own;

@@ -9,6 +9,7 @@
 
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
+#include "models/robot/urdf/units.h"
 
 namespace cotwin::scene::sdf {
 
@@ -141,6 +142,10 @@ void check_attributes(const xml::Element& element, const Warn& warn) {
       "state",   "battery", "population",      "atmosphere", "wind", "spherical_coordinates",
       "texture", "blend",   "particle_emitter"};
   if (!element.space.empty() || kOthers.contains(element.name)) return;
+  for (const char* name : {"unit", "units"})
+    if (const std::string& unit = xml::text(element, name, ""); !robot::is_si_unit(unit))
+      throw Error(element.place, "'" + std::string(name) + "' of <" + element.name + "> is '" + unit +
+                                     "', expected numbers in SI, and no unit");
   const auto read = kRead.find(element.name);
   xml::check_attributes(element, read != kRead.end() ? read->second : std::vector<std::string>{},
                         [&](const std::string& place, const std::string& what) { warn(place, what + "; it is ignored"); });

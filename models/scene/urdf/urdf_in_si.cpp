@@ -78,6 +78,10 @@ class Converter {
 
   void visit(XMLElement& element) const {
     const std::string_view name = element.Name();
+    for (const char* attribute : {"unit", "units"}) {  // that are those of `units_` are no more
+      const std::string named = std::string("=") + text_of(element, attribute) + ",";
+      if (units_.text == "si" || (units_.text + ",").find(named) != std::string::npos) element.DeleteAttribute(attribute);
+    }
     if (name == "origin") {
       scale(element, "xyz", units_.length);
       scale(element, "rpy", units_.rpy);

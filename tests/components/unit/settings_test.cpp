@@ -54,7 +54,7 @@ Settings settings(std::string_view query, std::map<std::string, std::string> def
   list.integer("n", 1, 0, 9, "a number");
   list.boolean("on", true, "a switch");
   list.choice("colour", {"red", "blue"}, "a colour");
-  list.robot("a robot", true).required();
+  list.robot("a robot").required();
   Settings s("line", query, std::move(defaults), std::move(folders));
   s.declare(std::move(list));
   return s;
@@ -228,7 +228,7 @@ TEST(Settings, AXacroFileAsRobotIsReadAndRefusedWithAHint) {
   std::filesystem::create_directories(folder);
   std::ofstream(folder / "arm.xacro") << "<robot xmlns:xacro=\"http://wiki.ros.org/xacro\"><xacro:arm/></robot>";
   SettingList list;
-  list.robot("a robot", true);
+  list.robot("a robot");
   Settings s("line", "robot=arm.xacro", {}, {folder});
   s.declare(std::move(list));
   EXPECT_THAT([&] { s.robot(); }, ThrowsMessage<Error>(HasSubstr("expand it first: xacro FILE > robot.urdf")));

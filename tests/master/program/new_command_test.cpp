@@ -279,6 +279,46 @@ TEST(New, LinksWithoutInertiaAreAnErrorOrANote) {
   expect_tracking(run(folder, "hollow_motion/twin.ssd"));
 }
 
+/// A mimic and a loop whose words change the machine: inertias are sound, so no option is offered, and no command takes the file.
+TEST(New, OffersNoOptionThatWouldMakeAnotherMachine) {
+  const TemporaryFolder folder("new");
+  const auto with = [&](const std::string& name, const std::string& before, const std::string& more) {
+    std::string xml = mixed_robot(name);
+    xml.insert(xml.find(before), more);
+    folder.write(name + ".urdf", xml);
+  };
+  const std::string joint = R"(<joint name="knob" type="revolute"><parent link="base"/><child link="knob"/>
+<limit lower="-1" upper="1" effort="5" velocity="2"/>)";
+  with("typo", "</robot>", link("knob", 1) + joint + R"(<mimic joint="bend" multiplyer="2"/></joint>)");
+  with("spring", "</robot>", link("knob", 1) + joint + "<spring stiffness=\"50\"/></joint>");
+  with("loop", "</robot>",
+       R"(<gazebo><joint name="closing" type="revolute"><parent>base</parent><child>elbow</child></joint></gazebo>)");
+  with("flip", "</robot>", link("knob", 1) + joint + R"(<mimic joint="bend" multiplyer="2"/></joint>)");
+  std::string flip = content(folder / "flip.urdf");
+  const std::string elbow = link("elbow", 3);
+  flip.replace(flip.find(elbow), elbow.size(), "<link name=\"elbow\"/>\n");
+  folder.write("flip.urdf", flip);
+  folder.write("log.csv", "t,q1,tau1\n0,0,0\n");
+  for (const std::string name : {"typo", "spring", "loop", "flip"}) {
+    const std::string file = name + ".urdf";
+    for (const std::vector<std::string>& command : std::vector<std::vector<std::string>>{
+             {"new", "--robot", file, "--out", "made"},
+             {"new", "--robot", file, "--unphysical", "estimate", "--out", "made"},
+             {"excite", "--robot", file, "--out", "made.csv"},
+             {"tune", "--robot", file, "--data", "log.csv", "--out", "made"},
+             {"ask", "torques", "--robot", file, "--unphysical", "estimate", "--from", "0,0,0", "--to", "0,0,0"},
+             {"tool", "attach", "made", "gripper,parent=flange,mass=1", "--robot", file},
+             {"pack", "unit:drive_train?robot=" + file, "--out", "made.fmu"}}) {
+      const RunResult refused = run_program(command, {.folder = folder.path()});
+      EXPECT_EQ(refused.code, 2) << command[0] << refused.out;
+      EXPECT_THAT(refused.err, HasSubstr(file + ":")) << command[0];
+      EXPECT_THAT(refused.err, Not(HasSubstr("it runs with"))) << command[0];
+      EXPECT_FALSE(fs::exists(folder / "made") || fs::exists(folder / "made.csv") || fs::exists(folder / "made.fmu"))
+          << command[0];
+    }
+  }
+}
+
 TEST(New, RefusesRobotsThatItCannotMove) {
   const TemporaryFolder folder("new");
   folder.write("rigid.urdf", "<robot name=\"rigid\">" + link("base", 1) + "</robot>");

@@ -98,7 +98,7 @@ TEST(Csv, ErrorsHaveLineColumnFactAndExpectation) {
   EXPECT_EQ(error_of("t,q\n0,\"1\n1,2\n"), "file.csv:2: a quoted cell does not end on its line, expected '\"'");
   EXPECT_EQ(error_of("t,q\n0,\"1\"2\n"), "file.csv:2: text follows the end of a quoted cell, expected a comma");
   EXPECT_EQ(error_of("t,q\r0,1\r1,2\r"), "file.csv:1: carriage return within the line, expected LF or CRLF at its end");
-  EXPECT_EQ(error_of("\xFF\xFEt"), "file.csv: is UTF-16, expected UTF-8");
+  EXPECT_EQ(error_of("\xFF\xFEt"), "file.csv: UTF-16 text, expected UTF-8: iconv -f UTF-16 -t UTF-8");
   EXPECT_EQ(error_of("t,q\n0,1\n", {'|'}), "file.csv: separator '|', expected a comma, a semicolon or a tab");
 }
 

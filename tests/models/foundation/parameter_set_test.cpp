@@ -171,8 +171,8 @@ INSTANTIATE_TEST_SUITE_P(
         Bad{"TwoRoots", "<a xmlns='u'/>\n<b/>", "f.ssv:2: a second root"},
         Bad{"OtherRoot", "<a/>", "f.ssv:1: 'a' of namespace ''"},
         Bad{"UnboundPrefix", "<p:ParameterSet/>", "f.ssv:1: the prefix 'p' has no namespace"},
-        Bad{"NotUtf8", "<a>\n\xE9</a>", "f.ssv:2: a byte that is not UTF-8"},
-        Bad{"Nul", std::string("<a>\0</a>", 8), "f.ssv:1: a byte that is not UTF-8"},
+        Bad{"NotUtf8", "<a>\n\xE9</a>", "f.ssv:2: byte 0xE9 is not UTF-8, expected UTF-8: iconv -f ISO-8859-1"},
+        Bad{"Nul", std::string("<a>\0</a>", 8), "f.ssv:1: byte 0x00, a character"},
         Bad{"Deep",
             [] {
               std::string s;

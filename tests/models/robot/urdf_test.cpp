@@ -16,6 +16,7 @@
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
 #include "models/robot/changes/attachment.h"
+#include "models/robot/urdf/units.h"
 #include "tests/support/places.h"
 
 namespace cotwin::robot::urdf_test {
@@ -407,7 +408,7 @@ TEST(Urdf, ErrorsNameFileLineElementAndExpectation) {
   EXPECT_EQ(refusal_of(arm_but("<joint name=\"turn\"", "<joint")), "arm.urdf:4: <joint> without 'name'");
   EXPECT_EQ(refusal_of(arm_but("link name=\"base\"", "link name=\"\"")),
             "arm.urdf:2: 'name' of <link> is empty, long or not plain text, expected a name");
-  for (const std::string& name : {std::string("a&#10;b"), std::string("\xff"), std::string(1001, 'a')}) {
+  for (const std::string& name : {std::string("a&#10;b"), std::string(1001, 'a')}) {
     EXPECT_THAT(refusal_of(arm_but("link name=\"base\"", "link name=\"" + name + "\"")),
                 StartsWith("arm.urdf:2: 'name' of <link> is empty, long"));
   }
@@ -440,7 +441,19 @@ TEST(Urdf, ThatIsNotATreeIsRefused) {
 TEST(Urdf, OtherDocumentsAreRefused) {
   EXPECT_EQ(refusal_of(""), "arm.urdf: empty, expected a URDF");
   EXPECT_EQ(refusal_of(" \n"), "arm.urdf: empty, expected a URDF");
-  EXPECT_EQ(refusal_of(std::string("<robot\0/>", 9)), "arm.urdf: not UTF-8 text, expected a URDF");
+  EXPECT_EQ(refusal_of(std::string("<robot\0/>", 9)), "arm.urdf: byte 0x00, a character that XML cannot have, expected text");
+  for (const char* mark : {"\xFF\xFE<", "\xFE\xFF"})
+    EXPECT_EQ(refusal_of(std::string(mark) + std::string("\0r", 2)),
+              "arm.urdf: UTF-16 text, expected UTF-8: iconv -f UTF-16 -t UTF-8");
+  EXPECT_EQ(refusal_of(std::string("<\0r\0", 4)), "arm.urdf: UTF-16 text, expected UTF-8: iconv -f UTF-16 -t UTF-8");
+  const std::string latin = arm_but("name=\"turn\"", "name=\"dr\xE9hen\"");
+  EXPECT_EQ(
+      refusal_of(latin),
+      "arm.urdf:4: 'name' of <joint>: byte 0xE9 is not UTF-8, expected UTF-8: iconv -f ISO-8859-1 -t UTF-8, if it is that");
+  EXPECT_EQ(
+      refusal_of("<?xml version='1.0' encoding='ISO-8859-15'?>" + latin),
+      "arm.urdf:4: 'name' of <joint>: byte 0xE9 is not UTF-8 but ISO-8859-15, expected UTF-8: iconv -f ISO-8859-15 -t UTF-8");
+  EXPECT_EQ(refusal_of(arm_with("<!-- dr\xE9hen -->")), "no error");
   EXPECT_EQ(refusal_of("<!-- nothing -->"), "arm.urdf: no XML element, expected <robot>");
   EXPECT_EQ(refusal_of("<sdf/>"), "arm.urdf:1: root element <sdf>, expected <robot>");
   EXPECT_EQ(refusal_of("<robot/>"), "arm.urdf:1: a robot without links");
@@ -506,6 +519,90 @@ TEST(Urdf, BodiesThatMoveNeedMassButMassesNeedNotBeOnEveryLink) {
   EXPECT_THAT(warnings_of(massless + frame + "</robot>"), ElementsAre(HasSubstr("moves no mass ('arm', 'eye')")));
   EXPECT_EQ(parsed(massless + rigid_on("arm", "weight", "") + "</robot>").bodies[0].inertia.mass, 1);
   EXPECT_EQ(parsed(arm_with(frame)).bodies[0], parsed(arm_with("")).bodies[0]);
+}
+
+TEST(Urdf, AnInertiaIsJudgedWithAllThatIsWeldedToIt) {
+  const auto welded = [](const std::string& parent, const std::string& name, const std::string& xyz, const std::string& mass) {
+    return "<link name=\"" + name + "\"><inertial><mass value=\"" + mass +
+           "\"/><inertia ixx=\"0\" ixy=\"0\" ixz=\"0\" iyy=\"0\" iyz=\"0\" izz=\"0\"/></inertial></link><joint name=\"to_" +
+           name + "\" type=\"fixed\"><parent link=\"" + parent + "\"/><child link=\"" + name + "\"/><origin xyz=\"" + xyz +
+           "\"/></joint>";
+  };
+  const UrdfOptions estimate{Unphysical::kEstimate, ""};
+  for (const UrdfOptions& options : {UrdfOptions{}, UrdfOptions{Unphysical::kWarn, ""}, estimate}) {
+    std::vector<std::string> warnings;
+    const RobotModel robot = parsed(arm_with(welded("arm", "tip", "2 0 0", "0.5")), options, &warnings);
+    EXPECT_THAT(warnings, IsEmpty());
+    EXPECT_EQ(robot.bodies[0].inertia, parsed(arm_with("")).bodies[0].inertia + (Inertia{0.5, {2, 0, 0}, Matrix3d::Zero()}));
+    EXPECT_THAT(warnings_of(arm_with(welded("base", "foot", "0 0 1", "3")), options), IsEmpty());
+  }
+  // Point masses alone: in space a body, on a line none, as one none.
+  const auto points = [&](const std::string& more) {
+    return std::string(kHead) + kBase + "<link name=\"arm\"/>\n" + kTurn + welded("arm", "p", "1 0 0", "1") + more + "</robot>";
+  };
+  const std::string line = welded("p", "q", "0 1 0", "1");
+  EXPECT_EQ(refusal_of(points(line + welded("q", "r", "0 0 1", "1"))), "no error");
+  EXPECT_THAT(refusal_of(points(line)), StartsWith("arm.urdf:5: link 'p': principal moments 0, "));
+  EXPECT_EQ(refusal_of(points("")), "arm.urdf:5: link 'p': no moments of inertia, expected > 0 kg m2");
+  EXPECT_THAT(warnings_of(points("")),
+              ElementsAre("arm.urdf:5: link 'p': no moments of inertia, expected > 0 kg m2; kept unchanged"));
+  const RobotModel estimated = parsed(points(""), estimate);
+  EXPECT_EQ(estimated.bodies[0].inertia.unphysical(), "");
+  EXPECT_EQ(estimated.bodies[0].inertia.mass, 1);
+  EXPECT_EQ(estimated.bodies[0].inertia.p_LC, Vector3d(1, 0, 0));
+  for (const char* mass : {"-1e-9", "nan", "1e999"})
+    EXPECT_NE(refusal_of(arm_with(welded("arm", "tip", "2 0 0", mass))), "no error");
+}
+
+/// What an option cures is the robot of the file that a person has mended.
+TEST(Urdf, EstimateChangesNothingButInertiasAndNegativeLimits) {
+  const UrdfOptions estimate{Unphysical::kEstimate, ""};
+  const std::string more = rigid_on("arm", "tool", "<origin xyz=\"0 0 1\"/>");
+  const RobotModel sound = parsed(arm_with(more));
+  const auto read = [&](const std::string& from, const std::string& to) {
+    std::string xml = arm_with(more);
+    return parsed(xml.replace(xml.find(from), from.size(), to), estimate);
+  };
+  RobotModel robot = read("effort=\"4\"", "effort=\"-4\"");
+  EXPECT_EQ(robot.joints[0].tau_max, kInfinity);
+  robot.joints[0].tau_max = sound.joints[0].tau_max;
+  EXPECT_EQ(robot, sound);
+  robot = read("izz=\"0.1\"", "izz=\"0.5\"");
+  EXPECT_NE(robot, sound);
+  robot.bodies[0].inertia = sound.bodies[0].inertia;
+  EXPECT_EQ(robot, sound);
+  // A fault beside it stays one.
+  for (const char* fault : {"<mimic joint=\"turn\" multiplyer=\"2\"/>", "<spring stiffness=\"5\"/>"}) {
+    std::string xml = arm_with(more);
+    xml.insert(xml.find("<limit"), fault);
+    xml.replace(xml.find("izz=\"0.1\""), 9, "izz=\"0.5\"");
+    EXPECT_THAT(refusal_of(xml, estimate), HasSubstr("is not read")) << fault;
+    EXPECT_THROW(parsed(xml), Error);
+    try {
+      parsed(xml);
+    } catch (const UnphysicalValue& value) {
+      ADD_FAILURE() << value.what() << " has an option, though the word has none";
+    } catch (const Error&) {
+    }
+  }
+}
+
+TEST(Urdf, MassesInGramsNameTheirUnitsWhereAllHaveThem) {
+  const auto units = [](const std::string& xml) -> std::string {
+    try {
+      parsed(xml);
+    } catch (const OtherUnits& other) {
+      return other.units;
+    } catch (const Error& error) {
+      return error.what();
+    }
+    return "no error";
+  };
+  EXPECT_EQ(units(arm_but("mass value", "mass unit=\"g\" value")), "mass=g");
+  EXPECT_EQ(units(arm_but("mass value", "mass unit=\"kg\" value")), "no error");
+  const std::string one = arm_but("mass value", "mass unit=\"g\" value");
+  const std::string two = one.substr(0, one.find("</robot>")) + rigid_on("arm", "tool", "") + "</robot>";
+  EXPECT_EQ(units(two), "arm.urdf:3: link 'arm': 'unit' as an attribute of <mass> is not read: 'g' is no unit of SI");
 }
 
 TEST(Urdf, UnphysicalInertiaOfTheBaseIsAWarning) {
