@@ -60,6 +60,7 @@ struct Gateway::Running {
   Parameters parameters;
   std::vector<std::string> folders;
   std::shared_ptr<access::Audit> audit;
+  std::string unphysical;
   services::Robots robots;
   std::optional<Jobs> jobs;
   std::shared_ptr<JobBoard> board;
@@ -68,11 +69,13 @@ struct Gateway::Running {
   std::optional<http::Server> server;
   std::uint64_t requests = 0, refused = 0, dropped = 0;  // before the last initialise
 
-  Running(const Parameters& p, const std::vector<std::string>& robot_folders, const std::string& people, RunSide& run_side)
+  Running(const Parameters& p, const std::vector<std::string>& robot_folders, const std::string& people,
+          const std::string& of_inertias, RunSide& run_side)
       : parameters(p),
         folders(robot_folders),
         audit(run_side.audit()),
-        robots({robot_folders.begin(), robot_folders.end()}, p.robot, false, people) {
+        unphysical(of_inertias),
+        robots({robot_folders.begin(), robot_folders.end()}, p.robot, false, people, urdf_options()) {
     if (!p.robot.empty()) (void)robots.find(p.robot);
     if (!p.database.empty()) {
       jobs.emplace(job_options());
@@ -162,12 +165,18 @@ struct Gateway::Running {
     request.update(start);
   }
 
+  robot::UrdfOptions urdf_options() const {
+    robot::UrdfOptions options;
+    robot::take_unphysical(unphysical, options);
+    return options;
+  }
+
   JobsOptions job_options() {
     JobsOptions o;
     o.database = parameters.database;
     const std::string program = parameters.program.empty() ? (installation() / "bin/cotwin").string() : parameters.program;
     o.command = {program, "ask", "--worker"};
-    o.command.insert(o.command.end(), {"--robot", parameters.robot});
+    o.command.insert(o.command.end(), {"--robot", parameters.robot, "--unphysical", unphysical});
     for (const std::string& folder : folders) o.command.insert(o.command.end(), {"--robots", folder});
     o.workers = parameters.workers;
     o.producer = producer_of(program);
@@ -180,7 +189,7 @@ struct Gateway::Running {
   std::string hash_of_robot(const std::string& name) {
     const std::string& robot = name.empty() ? parameters.robot : name;
     (void)robots.find(robot);  // refuses a robot whose files cannot be read
-    std::string hash = name.empty() ? robot + ":" : "";
+    std::string hash = (unphysical == "error" ? "" : unphysical + ":") + (name.empty() ? robot + ":" : "");
     for (const std::filesystem::path& file : robots.files_of(robot)) {
       std::error_code none;
       if (std::filesystem::is_regular_file(file, none)) hash += hexadecimal(hash_of_file(file));
@@ -229,9 +238,10 @@ void Gateway::declare_settings(SettingList& s) {
   s.set_first_variables(
       {"address", "port", "tokens", "certificate", "key", "robot", "database", "commands", "mqtt", "requests"});
   s.text("robots", "robots", "folders with robots that requests may name, FOLDER/NAME/robot.urdf, separated by commas");
+  s.unphysical();
 }
 
-Gateway::Gateway(Settings& settings) {
+Gateway::Gateway(Settings& settings) : unphysical_(settings.choice("unphysical")) {
   for (const std::string& folder : items(settings.text("robots"))) robot_folders_.push_back(settings.file(folder).string());
   try {
     people_ = settings.file("people/iso_ts_15066.csv").string();
@@ -302,7 +312,7 @@ void Gateway::initialise(Time) {
     run_side_.end();
     running_.reset();
     run_side_.begin();  // before the jobs, whose events go there
-    running_ = std::make_unique<Running>(wanted, robot_folders_, people_, run_side_);
+    running_ = std::make_unique<Running>(wanted, robot_folders_, people_, unphysical_, run_side_);
     if (!url_file_.empty()) write_file(url_file_, running_->server->url() + "\n");
   }
   run_side_.begin();

@@ -37,7 +37,8 @@ class Gateway final : public Unit, public bus::RunObserver {
   void write_outputs();
 
   std::vector<std::string> robot_folders_;
-  std::string people_;  // the table of body parts in the model folders; empty: none
+  std::string unphysical_;  // the setting
+  std::string people_;      // the table of body parts in the model folders; empty: none
   std::unique_ptr<Running> running_;
 
   // Parameters, in the order of declaration.

@@ -48,14 +48,14 @@ std::vector<std::size_t> Robot::unknown_motors() const {
   return unknown;
 }
 
-Robot load_robot(const fs::path& urdf, const std::string& name, const std::map<std::string, double>& locked) {
+Robot load_robot(const fs::path& urdf, const std::string& name, robot::UrdfOptions options) {
   Robot r;
   r.name = name;
   r.urdf = urdf;
-  robot::UrdfOptions options;
-  options.locked = locked;
   r.model = robot::load_urdf(urdf, options, &r.notes);
-  const robot::RobotModel whole = locked.empty() ? r.model : robot::load_urdf(urdf);
+  const bool locked = !options.locked.empty();
+  options.locked.clear();
+  const robot::RobotModel whole = locked ? robot::load_urdf(urdf, options) : r.model;
   r.base = whole.base.inertia;
   r.file_joints = whole.joints.size();
   const fs::path drives = urdf.parent_path() / kDrivesFile, energy = urdf.parent_path() / kEnergyFile;
@@ -70,14 +70,18 @@ Robot load_robot(const fs::path& urdf, const std::string& name, const std::map<s
     }
     r.joints_kept.push_back(static_cast<std::size_t>(at - whole.joints.begin()));
   }
-  if (locked.empty()) return r;
+  if (!locked) return r;
   if (r.drives) select(*r.drives, robot::kDriveParameters, r.joints_kept, r.file_joints);
   if (r.energy) select(r.energy->losses, energetics::kDriveLosses, r.joints_kept, r.file_joints);
   return r;
 }
 
-Robots::Robots(std::vector<fs::path> folders, std::string fallback, bool paths, fs::path people)
-    : folders_(std::move(folders)), fallback_(std::move(fallback)), paths_(paths), people_(std::move(people)) {
+Robots::Robots(std::vector<fs::path> folders, std::string fallback, bool paths, fs::path people, robot::UrdfOptions options)
+    : folders_(std::move(folders)),
+      fallback_(std::move(fallback)),
+      paths_(paths),
+      people_(std::move(people)),
+      options_(std::move(options)) {
   for (const fs::path& folder : folders_)
     if (const fs::path beside = folder / "../people/iso_ts_15066.csv"; people_.empty() && is_file(beside)) people_ = beside;
   if (!people_.empty()) (void)robot::load_body_parts(people_);  // a wrong table is told before the first request
@@ -97,7 +101,9 @@ std::shared_ptr<const Robot> Robots::find(const std::string& name, const std::ma
     const std::lock_guard lock(mutex_);
     if (const auto at = kept_.find(key); at != kept_.end() && at->second.times == times) return at->second.robot;
   }
-  auto loaded = std::make_shared<Robot>(load_robot(files.front(), name, locked));
+  robot::UrdfOptions options = options_;
+  options.locked = locked;
+  auto loaded = std::make_shared<Robot>(load_robot(files.front(), name, options));
   if (!people_.empty()) loaded->parts = robot::load_body_parts(people_);
   const std::shared_ptr<const Robot> robot = std::move(loaded);
   constexpr std::size_t kMost = 64;  // locked joints at ever other positions would fill the memory

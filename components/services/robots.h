@@ -16,6 +16,7 @@
 #include "models/robot/changes/attachment.h"
 #include "models/robot/drives/drive_parameters.h"
 #include "models/robot/robot_model.h"
+#include "models/robot/urdf/urdf.h"
 #include "models/scene/scene.h"
 
 namespace cotwin::services {
@@ -64,20 +65,20 @@ struct Robot {
   std::vector<std::size_t> unknown_motors() const;
 };
 
-/// Reads a URDF, and drive_train.ssv and energy.ssv in its folder, whatever the URDF's name. `locked` as in robot::UrdfOptions.
+/// Reads a URDF, and drive_train.ssv and energy.ssv in its folder, whatever the URDF's name.
 /// Values per joint may be one for all joints, one per joint in one text, or single elements "K[3]"; of joints that are locked
 /// nothing is left out, so the files count the joints of the unlocked robot. Values must be in the units of measure of
 /// docs/reference (N.m/rad, for prismatic joints N/m). Throws Error, also for a name that the unit does not have.
-Robot load_robot(const std::filesystem::path& urdf, const std::string& name, const std::map<std::string, double>& locked = {});
+Robot load_robot(const std::filesystem::path& urdf, const std::string& name, robot::UrdfOptions options = {});
 
 /// Robots by name from folders, read once and again when a file has changed. Thread-safe.
 class Robots {
  public:
   /// A robot is FOLDER/NAME/robot.urdf or FOLDER/NAME.urdf. The first folder that has it counts. `fallback`: robot of requests that
   /// name none; a path to a URDF, if it is one, or a name; "": none. `paths`: names may also be paths to URDF files. `people`: table
-  /// of body parts; "": people/iso_ts_15066.csv beside one of the folders, if there is one.
+  /// of body parts; "": people/iso_ts_15066.csv beside one of the folders, if there is one. `options`: of all URDFs.
   explicit Robots(std::vector<std::filesystem::path> folders, std::string fallback = "", bool paths = false,
-                  std::filesystem::path people = {});
+                  std::filesystem::path people = {}, robot::UrdfOptions options = {});
 
   /// Throws Error for a name with other characters than letters, digits, '_', '-' and '.', and for an unknown one, with the closest
   /// known name.
@@ -112,6 +113,7 @@ class Robots {
   std::string fallback_;
   bool paths_;
   std::filesystem::path people_;  // "": none
+  robot::UrdfOptions options_;
   std::mutex mutex_;
   std::map<std::string, Kept> kept_;
   struct KeptCloud {

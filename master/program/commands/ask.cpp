@@ -31,7 +31,7 @@ namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
 struct AskArguments {
-  std::string service, robot = "lwr4", more, detail, table, schema, q_columns, device, require;
+  std::string service, robot = "lwr4", more, detail, table, schema, q_columns, device, require, unphysical = "error";
   std::vector<double> from, to;
   std::string angle_unit = "rad";
   std::optional<double> T;
@@ -53,7 +53,9 @@ services::Robots robots_of(const AskArguments& a, bool paths) {
     if (a.robots.empty()) folders.push_back(folder / "robots");
     if (const fs::path file = folder / "people/iso_ts_15066.csv"; people.empty() && fs::is_regular_file(file)) people = file;
   }
-  return services::Robots(folders, a.robot, paths, people);
+  robot::UrdfOptions options;
+  robot::take_unphysical(a.unphysical, options);
+  return services::Robots(folders, a.robot, paths, people, options);
 }
 
 services::Context context_of(numerics::Threads* threads) {
@@ -410,6 +412,7 @@ void add_ask(CLI::App& app, Chosen& chosen) {
           "robot counts; default: models/robots")
       ->allow_extra_args(false)
       ->type_name("FOLDER");
+  add_unphysical(*command, a.unphysical);
   command->add_option("--threads", a.threads, "Threads of an optimisation (default: one per core; of a worker: one)")
       ->check(CLI::Range(1, 255))
       ->type_name("N");

@@ -46,6 +46,16 @@ void add_plot(CLI::App& app, Chosen& chosen);
 void add_manual(CLI::App& app, Chosen& chosen);
 void add_completion(CLI::App& app, Chosen& chosen);
 
+/// Adds --unphysical: the word of robot::take_unphysical().
+inline void add_unphysical(CLI::App& command, std::string& word) {
+  command
+      .add_option("--unphysical", word,
+                  "Links with an inertia that no body can have, or none: an error, a warning (warn), or estimated (estimate)")
+      ->check(CLI::IsMember({"error", "warn", "estimate"}))
+      ->type_name("WORD")
+      ->capture_default_str();
+}
+
 /// Refuses nan, which the ranges of CLI11 let pass because comparisons with it are false.
 inline const CLI::Validator kNumber(
     [](std::string& text) {

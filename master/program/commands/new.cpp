@@ -88,12 +88,7 @@ void add_new(CLI::App& app, Chosen& chosen) {
       ->add_option("--end-effector", all->request.end_effector,
                    "Link at which the probe of --kind contact is mounted (default: the flange or palm of the longest chain)")
       ->type_name("LINK");
-  command
-      ->add_option("--unphysical", all->request.unphysical,
-                   "Links with an inertia that no body can have, or none: an error, a warning (warn), or estimated (estimate)")
-      ->check(CLI::IsMember({"error", "warn", "estimate"}))
-      ->type_name("WORD")
-      ->capture_default_str();
+  add_unphysical(*command, all->request.unphysical);
   command
       ->add_option("--urdf-units", all->request.units,
                    "Units of a URDF that is not in SI, e.g. length=mm,mass=g,limit=deg,speed=deg/s,rpy=deg,inertia=g.mm2; it "

@@ -26,7 +26,7 @@ struct ServeArguments {
   std::optional<fs::path> database;
   std::vector<std::string> hosts, origins, set;
   std::optional<double> seconds;
-  std::string local_writes = "owner";
+  std::string local_writes = "owner", unphysical = "error";
   bool no_jobs = false, commands = false, quiet = false;
 };
 
@@ -64,7 +64,9 @@ std::vector<fs::path> robot_folders(const ServeArguments& a) {
 
 /// The robot of requests that name none; "": there are several, and none of them is meant more than another.
 std::string default_robot(const ServeArguments& a, const std::vector<fs::path>& folders) {
-  services::Robots robots(folders, a.robot.value_or(""));
+  robot::UrdfOptions options;
+  robot::take_unphysical(a.unphysical, options);
+  services::Robots robots(folders, a.robot.value_or(""), false, {}, options);
   const std::vector<std::string> names = robots.names();
   if (names.empty() && !a.robots.empty())
     throw Error("--robots " + a.robots.front().string(), "has no robot, expected FOLDER/NAME/robot.urdf or FOLDER/NAME.urdf");
@@ -124,6 +126,7 @@ int serve(const ServeArguments& a) {
   set("origins", list_of(a.origins));
   set("robot", robot);
   set("robots", list_of({folders.begin(), folders.end()}));
+  set("unphysical", a.unphysical);
   set("threads", std::to_string(a.threads));
   set("connections", std::to_string(a.connections));
   set("workers", std::to_string(a.workers));
@@ -220,6 +223,7 @@ void add_serve(CLI::App& app, Chosen& chosen) {
           "first folder that has a robot counts; default: models/robots")
       ->allow_extra_args(false)
       ->type_name("FOLDER");
+  add_unphysical(*command, a.unphysical);
   command->add_option("--seconds", a.seconds, "Duration (default: until Ctrl-C)")
       ->check(CLI::PositiveNumber)
       ->check(kNumber)

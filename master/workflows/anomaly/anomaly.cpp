@@ -29,7 +29,10 @@ struct Tuned {
   std::string drives;
 
   Tuned(const AnomalySettings& settings, robot::RobotModel given) : robot(std::move(given)), model(robot, settings.motor) {
-    const services::Robot beside = services::load_robot(settings.log.robot, robot.name, robot.locked);
+    robot::UrdfOptions options;
+    options.locked = robot.locked;
+    options.unphysical = robot::Unphysical::kWarn;  // as the log's reader takes it
+    const services::Robot beside = services::load_robot(settings.log.robot, robot.name, options);
     if (beside.drives) {
       const std::vector<double> none(robot.joints.size(), 0.0);
       static_cast<robot::DriveParameters&>(model.drives) = *beside.drives;
