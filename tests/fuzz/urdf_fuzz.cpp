@@ -43,11 +43,12 @@ void check(const cotwin::robot::RobotModel& robot, bool is_physical) {
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace cotwin::robot;
   const std::string_view xml(reinterpret_cast<const char*>(data), size);
-  for (const Unphysical unphysical : {Unphysical::kError, Unphysical::kWarn}) {
+  for (const std::string_view word : {"error", "estimate", "warn"}) {
     try {
-      const UrdfOptions options{unphysical, ""};
+      UrdfOptions options;
+      take_unphysical(word, options);
       RobotModel robot = parse_urdf(xml, "fuzz.urdf", options);
-      check(robot, unphysical == Unphysical::kError);
+      check(robot, word != "warn");
       robot.locked.clear();
       require(parse_urdf(to_urdf(robot), "again.urdf", {Unphysical::kWarn, ""}) == robot, "reads what it wrote");
     } catch (const cotwin::Error& error) {

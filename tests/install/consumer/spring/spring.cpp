@@ -7,7 +7,7 @@
 namespace cotwin::spring {
 
 void Spring::declare_settings(SettingList& s) {
-  s.robot("a robot: one spring for each of its joints; none: one spring", false);
+  s.robot("a robot: one spring for each of its joints; none: one spring");
 }
 
 Spring::Spring(Settings& settings) {
