@@ -6,9 +6,7 @@
 
 namespace cotwin::spring {
 
-void Spring::declare_settings(SettingList& s) {
-  s.robot("a robot: one spring for each of its joints; none: one spring");
-}
+void Spring::declare_settings(SettingList& s) { s.robot("a robot: one spring for each of its joints; none: one spring"); }
 
 Spring::Spring(Settings& settings) {
   const std::size_t n = settings.text("robot").empty() ? 1 : settings.robot(Settings::Masses::kUnused).joints.size();
