@@ -44,6 +44,7 @@ class Search {
     for (std::string& note : notes_)
       if (!result_.converted.empty() && note.starts_with(setting_)) note = "robot.urdf" + note.substr(setting_.size());
     Sketch& sketch = result_.sketch;
+    notes_.insert(notes_.begin(), converted_.begin(), converted_.end());
     sketch.notes.insert(sketch.notes.begin(), notes_.begin(), notes_.end());
     std::error_code none;
     sketch.energy_assumed =
@@ -62,7 +63,7 @@ class Search {
     if (request_.units.empty()) return;
     const robot::UrdfUnits units = robot::parse_urdf_units(request_.units, "--urdf-units");
     const fs::path file = urdf_of(request_.robot);
-    result_.converted = scene::urdf_in_si(file, units);
+    result_.converted = scene::urdf_in_si(file, units, &converted_);
     robot::check_units(result_.converted, file.string(), units);
     setting_ = (folder_.path() / "robot.urdf").string();
     write_file(setting_, result_.converted);
@@ -211,6 +212,7 @@ class Search {
   fmu::TemporaryFolder folder_;
   std::string setting_;  // of the robot, for the trial
   std::optional<Drives> drives_;
+  std::vector<std::string> converted_;  // notes of the units
   std::vector<std::string> notes_;
   Starter result_;
 };

@@ -1,5 +1,8 @@
 #include "models/foundation/formats/xml_text.h"
 
+#include <algorithm>
+#include <string>
+
 namespace cotwin::xml {
 
 namespace {
@@ -22,6 +25,26 @@ std::size_t character_length(std::string_view s) {
   return allowed ? length : 0;
 }
 
+/// The encoding of more than a byte a character, by the byte order mark or by zeros beside the first character; "" for others.
+std::string wide_encoding(std::string_view text) {
+  using namespace std::string_view_literals;
+  if (text.starts_with("\xFF\xFE\0\0"sv) || text.starts_with("\0\0\xFE\xFF"sv)) return "UTF-32";
+  if (text.starts_with("\xFF\xFE") || text.starts_with("\xFE\xFF")) return "UTF-16";
+  std::string zeros;
+  for (const char c : text.substr(0, 4)) zeros += c == '\0' ? '0' : '1';
+  if (zeros == "0001") return "UTF-32BE";
+  if (zeros == "1000") return "UTF-32LE";
+  return zeros.starts_with("01") ? "UTF-16BE" : zeros.starts_with("10") ? "UTF-16LE" : "";
+}
+
+/// Whether a word can be the name of an encoding (XML 1.0, clause 4.3.3), and so stand in a command.
+bool is_encoding_name(std::string_view word) {
+  const auto is_letter = [](char c) { return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z'); };
+  return !word.empty() && word.size() < 30 && is_letter(word[0]) && std::ranges::all_of(word, [&](char c) {
+    return is_letter(c) || (c >= '0' && c <= '9') || c == '.' || c == '_' || c == '-';
+  });
+}
+
 }  // namespace
 
 std::size_t first_not_allowed(std::string_view s) {
@@ -35,8 +58,7 @@ std::size_t first_not_allowed(std::string_view s) {
 
 std::string why_not_utf8(std::string_view text, std::string_view document) {
   const auto convert = [](const std::string& from) { return ", expected UTF-8: iconv -f " + from + " -t UTF-8"; };
-  if (text.starts_with("\xFF\xFE") || text.starts_with("\xFE\xFF") || text.substr(0, 2).find('\0') != std::string_view::npos)
-    return "UTF-16 text" + convert("UTF-16");
+  if (const std::string wide = wide_encoding(text); !wide.empty()) return wide.substr(0, 6) + " text" + convert(wide);
   std::size_t bad = first_not_allowed(text);
   if (bad == std::string_view::npos) return "";
   const auto byte = static_cast<unsigned char>(text[bad]);
@@ -47,8 +69,7 @@ std::string why_not_utf8(std::string_view text, std::string_view document) {
   const std::size_t at = declaration.starts_with("<?xml") ? declaration.find("encoding=") : std::string_view::npos;
   const std::string_view rest = at == std::string_view::npos ? "" : declaration.substr(at + 9);
   const std::string declared(rest.size() > 1 ? rest.substr(1, rest.find(rest[0], 1) - 1) : "");
-  const bool named =
-      !declared.empty() && declared.size() < 30 && is_xml_text(declared) && declared != "UTF-8" && declared != "utf-8";
+  const bool named = is_encoding_name(declared) && declared != "UTF-8" && declared != "utf-8";
   return shown + " is not UTF-8" + (named ? " but " + declared + convert(declared) : convert("ISO-8859-1") + ", if it is that");
 }
 

@@ -94,10 +94,17 @@ UrdfUnits parse_urdf_units(const std::string& text, const std::string& place) {
 }
 
 bool is_si_unit(std::string_view word) {
-  constexpr std::array kWords = {"",       "si",    "SI",     "kg",  "kilogram", "kilograms", "m",      "meter",
-                                 "meters", "metre", "metres", "rad", "radian",   "radians",   "N",      "N.m",
-                                 "N*m",    "Nm",    "rad/s",  "m/s", "kg.m2",    "kg.m^2",    "kg*m^2", "kgm2"};
-  return std::ranges::find(kWords, text::trim(word)) != kWords.end();
+  // Lower case without signs of products and powers; a lower-case n would be nano.
+  constexpr std::array kWords = {"",       "si",  "kg",     "kilogram", "kilograms", "m",      "meter", "meters", "metre",
+                                 "metres", "rad", "radian", "radians",  "n",         "nm",     "rad/s", "m/s",    "kgm2",
+                                 "kgm²",   "n/m", "ns/m",   "nm/rad",   "nms/rad",   "rad/s2", "m/s2"};
+  std::string plain;
+  for (const char c : text::trim(word))
+    if (std::string_view(" .*^").find(c) == std::string_view::npos)
+      plain += c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
+  constexpr std::string_view kDot = "·";
+  for (std::size_t at = plain.find(kDot); at != std::string::npos; at = plain.find(kDot)) plain.erase(at, kDot.size());
+  return std::ranges::find(kWords, plain) != kWords.end() && !text::trim(word).starts_with('n');
 }
 
 bool is_si(const UrdfUnits& units, const std::string& quantity) {

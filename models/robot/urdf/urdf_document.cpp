@@ -16,6 +16,7 @@
 #include "models/foundation/formats/xml_text.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
+#include "models/robot/urdf/units.h"
 #include "models/robot/urdf/urdf_words.h"
 
 namespace cotwin::robot {
@@ -70,6 +71,7 @@ class Reader {
   }
 
   void keep_attributes(XMLElement& element, const Names& names);
+  void keep_measured(XMLElement& element, const Names& names);
   void keep_children(XMLElement& element, const Names& names, const Names& others = {});
   void tell_unknown(const XMLElement& element, const std::string& name, int line, bool is_attribute,
                     const std::vector<std::string>& known);
@@ -100,12 +102,17 @@ class Reader {
     int line = 0, count = 0;
     std::string more = {};
   };
+  void note(int line, const std::string& what, const std::string& more = "") {
+    Unread& unread = unread_[what];
+    if (unread.count++ == 0) unread.line = line;
+    if (unread.more.empty()) unread.more = more;
+  }
   UrdfDocument document_;
   std::string_view xml_;
   std::string owner_;                    // "link 'x'", for messages
   std::vector<std::string> attributes_;  // that the element has which was looked at last
   std::map<std::string, Unread> unread_;
-  std::vector<std::string> units_of_masses_;  // "" for one without
+  std::map<std::string, std::set<std::string>> units_;  // of "mass" and "inertia", see urdf_units()
 };
 
 /// Tells of an attribute or child that is not read. Names with a prefix, such as drake:acceleration, are of others.
@@ -114,26 +121,26 @@ void Reader::tell_unknown(const XMLElement& element, const std::string& name, in
   if (name.find(':') != std::string::npos || name == "xmlns") return;
   const std::string owner = element.Name();
   const std::string near = text::closest(name, known);
-  const std::string what = "'" + name + (is_attribute ? "' as an attribute of <" : "' in <") + owner + "> is not read" +
-                           (near.empty()   ? ""
+  const std::string what = "'" + name + (is_attribute ? "' as an attribute of <" : "' in <") + owner + "> is not read";
+  const std::string meant = near.empty()   ? ""
                             : near == name ? ", expected it as an attribute"
-                                           : ", did you mean '" + near + "'?");
+                                           : ", did you mean '" + near + "'?";
   const bool given =
       !near.empty() && (element.Attribute(near.c_str()) != nullptr || element.FirstChildElement(near.c_str()) != nullptr);
-  const bool misspelled = !near.empty() && (!given || near == name) && owner != "robot" && owner != "link";
-  const std::string reason = misspelled ? "" : words::why_refused(element, name, is_attribute);
-  if (misspelled || !reason.empty()) {
+  const bool misspelled = !near.empty() && (!given || near == name) && owner != "robot" && owner != "link" &&
+                          !words::says_nothing(element, name, near);
+  const std::string reason = misspelled ? meant : words::why_refused(element, name, is_attribute);
+  if (!reason.empty()) {
     refuse(line, what + reason);
-    return;
+  } else {
+    note(line, what + meant, words::name_in_drives(element, name));
   }
-  Unread& unread = unread_[what];
-  if (unread.count++ == 0) unread.line = line;
-  if (unread.more.empty()) unread.more = words::name_in_drives(element, name);
 }
 
 /// Removes all other attributes.
 void Reader::keep_attributes(XMLElement& element, const Names& names) {
   attributes_.assign(names.begin(), names.end());
+  std::erase(attributes_, "R");  // no person writes it
   std::vector<std::string> foreign;
   for (const auto* a = element.FirstAttribute(); a != nullptr; a = a->Next()) {
     const std::string_view value = a->Value();
@@ -149,13 +156,28 @@ void Reader::keep_attributes(XMLElement& element, const Names& names) {
   }
 }
 
-/// Removes all other children; `others` are known, and read by others or not needed. Call it after keep_attributes(), so that a child may be meant
-/// as an attribute.
+/// Removes all children and other attributes of a mass or an inertia, whose unit may be the only fault.
+void Reader::keep_measured(XMLElement& element, const Names& names) {
+  const std::size_t refused = document_.refused.size();
+  const char* const unit = element.Attribute(element.Attribute("unit") != nullptr ? "unit" : "units");
+  const bool is_foreign = unit != nullptr && !is_si_unit(unit);
+  units_[element.Name()].insert(is_foreign ? unit : "");
+  keep_attributes(element, names);
+  if (is_foreign && document_.refused.size() == refused + 1) document_.refused.back().units = element.Name();
+  keep_children(element, {});
+}
+
+/// Removes all other children; `others` are read by others or not needed. Comes after keep_attributes(): a child may be meant as an attribute.
 void Reader::keep_children(XMLElement& element, const Names& names, const Names& others) {
   std::set<std::string_view> seen;
   for (tinyxml2::XMLNode* node = element.FirstChild(); node != nullptr;) {
     tinyxml2::XMLNode* const next = node->NextSibling();
     XMLElement* const inner = node->ToElement();
+    if (const tinyxml2::XMLText* const written = node->ToText(); written != nullptr && !text::trim(written->Value()).empty()) {
+      const std::string what = std::string("text in <") + element.Name() + "> is not read";
+      words::is_not_zero(written->Value()) ? refuse(node->GetLineNum(), what + ", expected attributes")
+                                           : note(node->GetLineNum(), what);
+    }
     if (inner == nullptr || !contains(names, inner->Name())) {
       if (inner != nullptr && !contains(others, inner->Name()))
         tell_unknown(element, inner->Name(), inner->GetLineNum(), false,
@@ -320,17 +342,10 @@ void Reader::read_link(XMLElement& element) {
     link.inertial_line = inertial->GetLineNum();
     link.X_LI = origin(*inertial);
     XMLElement& mass = required(*inertial, "mass");
-    const std::size_t refused = document_.refused.size();
-    const char* const unit = mass.Attribute("unit");
-    units_of_masses_.emplace_back(unit != nullptr ? unit : "");
-    keep_attributes(mass, {"value"});
-    if (document_.refused.size() > refused && contains({"g", "lb"}, units_of_masses_.back()))
-      document_.refused.back().units = "mass=" + units_of_masses_.back();
-    keep_children(mass, {});
+    keep_measured(mass, {"value"});
     real(mass, "value");
     XMLElement& inertia = required(*inertial, "inertia");
-    keep_attributes(inertia, {"ixx", "ixy", "ixz", "iyy", "iyz", "izz"});
-    keep_children(inertia, {});
+    keep_measured(inertia, {"ixx", "ixy", "ixz", "iyy", "iyz", "izz"});
     for (const char* moment : {"ixx", "ixy", "ixz", "iyy", "iyz", "izz"}) real(inertia, moment);
   }
   document_.links.emplace(name, link);
@@ -362,6 +377,7 @@ void Reader::read_joint(XMLElement& element) {
     joint.mimic_line = mimic->GetLineNum();
     if (mimic->Attribute("multiplier") != nullptr) joint.multiplier = real(*mimic, "multiplier");
     if (mimic->Attribute("offset") != nullptr) joint.offset = real(*mimic, "offset");
+    keep_children(*mimic, {});
     element.DeleteChild(mimic);
   }
   if (XMLElement* const passive = child(element, "passive")) {
@@ -453,8 +469,8 @@ UrdfDocument Reader::read(std::string_view xml) {
       if (kind == "gravity" && element->Attribute("xyz") != nullptr) document_.gravity = vector(*element, "xyz");
       if (kind == "si") document_.is_si = true;
       others.push_back(element);  // may refer to links and joints that follow
-      if (kind != "gravity" && kind != "si" && !text::closest(kind, {"link", "joint"}).empty())
-        tell_unknown(*robot, std::string(kind), element->GetLineNum(), false, {"link", "joint"});
+      if (kind != "gravity" && kind != "si" && kind != "gazebo" && !text::closest(kind, {"link", "joint", "gazebo"}).empty())
+        tell_unknown(*robot, std::string(kind), element->GetLineNum(), false, {"link", "joint", "gazebo"});
     } else {
       robot->DeleteChild(node);
     }
@@ -464,9 +480,9 @@ UrdfDocument Reader::read(std::string_view xml) {
   if (document_.links.empty()) fail(robot->GetLineNum(), "a robot without links");
   words::read_others(others, document_);
   for (XMLElement* const other : others) robot->DeleteChild(other);
-  for (const std::string& unit : units_of_masses_)
-    if (unit != units_of_masses_.front())
-      for (UrdfDocument::Refused& word : document_.refused) word.units.clear();
+  const std::string units = words::urdf_units(units_);
+  for (UrdfDocument::Refused& word : document_.refused)
+    if (!word.units.empty()) word.units = units;
   for (const auto& [what, unread] : unread_)
     document_.warnings.push_back(document_.at(unread.line) + ": " + what +
                                  (unread.count > 1 ? " (" + std::to_string(unread.count) + " times)" : "") + unread.more);

@@ -4,10 +4,13 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
+#include <optional>
 #include <set>
 #include <string_view>
 #include <utility>
 
+#include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
 #include "models/robot/urdf/units.h"
 
@@ -29,14 +32,14 @@ bool is_spring(std::string_view name) {
   return has(name, "stiffness") || (has(name, "spring") && !has(name, "reference") && !has(name, "damp"));
 }
 
-/// Whether one of the numbers of a text is not 0.
-bool is_not_zero(const char* written) {
-  if (written == nullptr) return false;
-  std::string blanks(written);
+std::vector<double> numbers_in(const char* written) {
+  std::string blanks(written != nullptr ? written : "");
   std::ranges::replace_if(
       blanks, [](char c) { return c == '\t' || c == '\n' || c == '\r'; }, ' ');
-  return std::ranges::any_of(text::split(blanks, ' '),
-                             [](std::string_view word) { return text::parse_real(word).value_or(0) != 0; });
+  std::vector<double> numbers;
+  for (const std::string_view word : text::split(blanks, ' '))
+    if (const std::optional<double> number = text::parse_real(word)) numbers.push_back(*number);
+  return numbers;
 }
 
 /// Whether an element with the name of a spring, or one in it, has a number that is not 0 and of no damper.
@@ -50,17 +53,42 @@ bool is_stiff(const XMLElement& element) {
   return false;
 }
 
-/// Whether numbers of an <origin> leave its frame where it is: zeros, or a quaternion of no rotation.
-bool is_neutral(const char* written) {
-  const std::string_view numbers = text::trim(written);
-  return !is_not_zero(written) || numbers == "0 0 0 1" || numbers == "1 0 0 0";
+/// Whether an attribute of an <origin> leaves its frame where it is: zeros, a quaternion of no rotation, a factor of 1, or a name.
+bool moves_nothing(const std::string& name, const char* written) {
+  const std::vector<double> numbers = numbers_in(written);
+  if (has(name, "scale")) return std::ranges::all_of(numbers, [](double factor) { return factor == 1; });
+  const std::size_t w = numbers.size() != 4 ? numbers.size() : has(name, "wxyz") ? 0 : 3;
+  for (std::size_t i = 0; i < numbers.size(); ++i)
+    if (i == w ? std::abs(numbers[i]) != 1 : numbers[i] != 0) return name == "id";
+  return true;
+}
+
+/// The spring of a joint in an element of <gazebo>: its name and line. Stops and surfaces have stiffnesses of their own.
+std::optional<std::pair<std::string, int>> spring_in(const XMLElement& element) {
+  for (const auto* a = element.FirstAttribute(); a != nullptr; a = a->Next())
+    if (is_spring(a->Name()) && is_not_zero(a->Value())) return {{a->Name(), element.GetLineNum()}};
+  for (const XMLElement* inner = element.FirstChildElement(); inner != nullptr; inner = inner->NextSiblingElement()) {
+    const std::string_view name = inner->Name();
+    if (name == "limit" || name == "contact" || name == "surface" || name == "sensor") continue;
+    if (is_spring(name) && is_stiff(*inner)) return {{inner->Name(), inner->GetLineNum()}};
+    if (auto found = spring_in(*inner)) return found;
+  }
+  return std::nullopt;
+}
+
+/// A unit of measure other than SI in an element for the units of all numbers, as an attribute or as its text; "" if there is none.
+std::string foreign_unit(const XMLElement& element) {
+  std::vector<const char*> words{element.GetText() != nullptr ? element.GetText() : ""};
+  for (const auto* a = element.FirstAttribute(); a != nullptr; a = a->Next()) words.push_back(a->Value());
+  const auto found = std::ranges::find_if(words, [](const char* word) { return !is_si_unit(word); });
+  return found != words.end() ? *found : "";
 }
 
 /// What closes a loop of links in an element beside links and joints.
 const XMLElement* loop_in(const XMLElement& element) {
   std::string_view kind = element.Name();
   kind = kind.substr(kind.find(':') + 1);
-  const XMLElement* closing = kind == "loop_joint" || kind == "constraint" ? &element : nullptr;
+  const XMLElement* closing = has(kind, "loop") || kind == "constraint" ? &element : nullptr;
   if (kind == "gazebo")
     for (const XMLElement* joint = element.FirstChildElement("joint"); joint != nullptr;
          joint = joint->NextSiblingElement("joint"))
@@ -69,14 +97,19 @@ const XMLElement* loop_in(const XMLElement& element) {
 }
 
 bool turns_off_gravity(const XMLElement& gazebo) {
-  const auto is = [&](const char* name, bool value) {
+  const auto is = [&](const char* name, std::string_view word, double number) {
     const XMLElement* const inner = gazebo.FirstChildElement(name);
-    return inner != nullptr && inner->GetText() != nullptr && text::parse_boolean(inner->GetText()) == value;
+    const std::string_view written = text::trim(inner != nullptr && inner->GetText() != nullptr ? inner->GetText() : "");
+    return (written.size() == word.size() && has(written, word)) || text::parse_real(written) == number;
   };
-  return is("gravity", false) || is("turnGravityOff", true);
+  return is("gravity", "false", 0) || is("turnGravityOff", "true", 1);
 }
 
 }  // namespace
+
+bool is_not_zero(const char* written) {
+  return std::ranges::any_of(numbers_in(written), [](double number) { return number != 0; });
+}
 
 std::string why_refused(const XMLElement& element, const std::string& name, bool is_attribute) {
   const std::string_view owner = element.Name();
@@ -85,10 +118,35 @@ std::string why_refused(const XMLElement& element, const std::string& name, bool
   if ((owner == "joint" || owner == "dynamics") && is_spring(name) &&
       (inner != nullptr ? is_stiff(*inner) : is_not_zero(written)))
     return kSprings;
-  if ((name == "unit" || name == "units") && written != nullptr && !is_si_unit(written))
+  if (has(name, "unit") && written != nullptr && !is_si_unit(written))
     return ": '" + std::string(written) + "' is no unit of SI";
-  if (owner == "origin" && is_attribute && !is_neutral(written)) return ", and it moves the frame";
+  if (owner == "origin" && is_attribute && !moves_nothing(name, written)) return ", and it moves the frame";
+  if (owner == "mimic" && is_attribute &&
+      std::ranges::any_of(numbers_in(written), [](double number) { return number != 0 && number != 1; }))
+    return ", and it moves the joint";
   return "";
+}
+
+bool says_nothing(const XMLElement& element, const std::string& name, const std::string& meant) {
+  const std::string_view owner = element.Name();
+  const char* const written = element.Attribute(name.c_str());
+  if (written == nullptr || meant == name) return false;
+  if (owner == "origin") return moves_nothing(name, written);
+  return (owner == "mimic" || owner == "dynamics") && text::parse_real(written) == (meant == "multiplier" ? 1 : 0);
+}
+
+std::string urdf_units(const std::map<std::string, std::set<std::string>>& named) {
+  std::string units;
+  for (const auto& [quantity, words] : named) {
+    if (words.size() != 1) return "";
+    const std::string& word = *words.begin();
+    text::append(units, quantity + "=" + (!word.empty() ? word : quantity == "mass" ? "kg" : "kg.m2"), ",");
+  }
+  try {
+    return parse_urdf_units(units, "").text;
+  } catch (const Error&) {  // a unit that is not known
+    return "";
+  }
 }
 
 std::string name_in_drives(const XMLElement& element, const std::string& name) {
@@ -117,14 +175,16 @@ void read_others(const std::vector<XMLElement*>& elements, UrdfDocument& documen
                " closes a loop of links, which a URDF's tree cannot have: expected the mechanism as an SDF file in a "
                "contact world (scene=FILE.sdf), whose joints may close loops"});
     }
+    if (const std::string unit = has(element->Name(), "unit") ? foreign_unit(*element) : ""; !unit.empty())
+      document.refused.push_back({element->GetLineNum(), std::string("'") + element->Name() + "' in <robot> is not read: '" +
+                                                             unit + "' is no unit of SI"});
     const char* const written = element->Attribute("reference");
     if (element->Name() != std::string_view("gazebo") || written == nullptr) continue;
-    const std::string reference = written;
+    const std::string reference(text::trim(written));
     if (const auto joint = document.joints.find(reference); joint != document.joints.end() && joint->second.moves())
-      for (const XMLElement* inner = element->FirstChildElement(); inner != nullptr; inner = inner->NextSiblingElement())
-        if (is_spring(inner->Name()) && is_not_zero(inner->GetText()))
-          document.refused.push_back(
-              {inner->GetLineNum(), "joint '" + reference + "': '" + inner->Name() + "' in <gazebo> is not read" + kSprings});
+      if (const auto spring = spring_in(*element))
+        document.refused.push_back(
+            {spring->second, "joint '" + reference + "': '" + spring->first + "' in <gazebo> is not read" + kSprings});
     if (!document.links.contains(reference) || !turns_off_gravity(*element)) continue;
     if (weightless.empty()) line = element->GetLineNum();
     weightless.insert(reference);

@@ -27,7 +27,9 @@ constexpr int kDigits = 15;
 
 class Converter {
  public:
-  Converter(const fs::path& file, const UrdfUnits& units) : file_(file), units_(units) {}
+  Converter(const fs::path& file, const UrdfUnits& units) : file_(file), units_(units), entries_("," + units.text + ",") {
+    std::erase(entries_, ' ');
+  }
 
   std::string convert() {
     tinyxml2::XMLDocument document;
@@ -41,7 +43,7 @@ class Converter {
     for (const XMLElement* joint = root->FirstChildElement("joint"); joint != nullptr;
          joint = joint->NextSiblingElement("joint"))
       slides_[name_of(*joint)] = std::string_view(text_of(*joint, "type")) == "prismatic";
-    visit(*root);
+    visit(*root, false);
     if (root->FirstChildElement("si") == nullptr) {
       root->InsertFirstChild(document.NewElement("si"));
     } else if (units_.text != "si") {
@@ -51,6 +53,14 @@ class Converter {
     tinyxml2::XMLPrinter printer;
     document.Print(&printer);
     return printer.CStr();
+  }
+
+  std::vector<std::string> notes() const {
+    std::vector<std::string> all;
+    for (const auto& [what, count] : ignored_)
+      all.push_back(file_.string() + ": " + what + " (" + text::counted(count, "time") +
+                    "), which --urdf-units si takes in SI");
+    return all;
   }
 
  private:
@@ -76,12 +86,38 @@ class Converter {
     element.SetAttribute(attribute, spelled.c_str());
   }
 
-  void visit(XMLElement& element) const {
-    const std::string_view name = element.Name();
-    for (const char* attribute : {"unit", "units"}) {  // that are those of `units_` are no more
-      const std::string named = std::string("=") + text_of(element, attribute) + ",";
-      if (units_.text == "si" || (units_.text + ",").find(named) != std::string::npos) element.DeleteAttribute(attribute);
+  /// The quantity that a unit of an element is of; "" for elements whose numbers are not converted.
+  static std::string quantity_of(std::string_view element, std::string_view unit, bool slides) {
+    const bool is_angle = unit.starts_with("rad") || unit.starts_with("deg");
+    if (element == "mass" || element == "inertia") return std::string(element);
+    if (element == "limit" || element == "mimic")
+      return slides ? "length" : unit.find("/s") != std::string_view::npos || unit == "rpm" ? "speed" : "limit";
+    if (element == "origin") return is_angle ? "rpy" : "length";
+    const bool is_shape =
+        element == "box" || element == "sphere" || element == "cylinder" || element == "capsule" || element == "mesh";
+    return is_shape ? "length" : "";
+  }
+
+  /// Removes the units that are those of `units_`: the numbers are in them no more.
+  void remove_unit(XMLElement& element, bool slides) {
+    for (const char* attribute : {"unit", "units"}) {
+      const std::string unit(text::trim(text_of(element, attribute)));
+      const std::string quantity = quantity_of(element.Name(), unit, slides);
+      if (unit.empty() || quantity.empty()) continue;
+      const bool is_si_word = robot::is_si_unit(unit);
+      const std::string what = std::string("<") + element.Name() + "> has " + attribute + "=\"" + unit + "\"";
+      if (is_si_word && !robot::is_si(units_, quantity))
+        throw Error(place_in_urdf(file_, element), what + ", expected " + quantity + " in SI in --urdf-units " + units_.text);
+      if (units_.text == "si" && !is_si_word) ++ignored_[what];
+      if (units_.text == "si" || entries_.find("," + quantity + "=" + unit + ",") != std::string::npos)
+        element.DeleteAttribute(attribute);
     }
+  }
+
+  void visit(XMLElement& element, bool slides) {
+    const std::string_view name = element.Name();
+    if (name == "joint") slides = slides_[name_of(element)];
+    remove_unit(element, slides);
     if (name == "origin") {
       scale(element, "xyz", units_.length);
       scale(element, "rpy", units_.rpy);
@@ -99,7 +135,8 @@ class Converter {
     } else if (name == "joint") {
       joint(element);
     }
-    for (XMLElement* inner = element.FirstChildElement(); inner != nullptr; inner = inner->NextSiblingElement()) visit(*inner);
+    for (XMLElement* inner = element.FirstChildElement(); inner != nullptr; inner = inner->NextSiblingElement())
+      visit(*inner, slides);
   }
 
   void mesh(XMLElement& element) const {
@@ -130,11 +167,18 @@ class Converter {
 
   const fs::path& file_;
   const UrdfUnits& units_;
-  std::map<std::string, bool> slides_;  // joints, whether prismatic
+  std::string entries_;                          // of `units_`, each between commas
+  std::map<std::string, bool> slides_;           // joints, whether prismatic
+  std::map<std::string, std::int64_t> ignored_;  // units of the file that "si" takes as SI
 };
 
 }  // namespace
 
-std::string urdf_in_si(const fs::path& file, const UrdfUnits& units) { return Converter(file, units).convert(); }
+std::string urdf_in_si(const fs::path& file, const UrdfUnits& units, std::vector<std::string>* notes) {
+  Converter converter(file, units);
+  std::string converted = converter.convert();
+  if (notes != nullptr) *notes = converter.notes();
+  return converted;
+}
 
 }  // namespace cotwin::scene

@@ -12,6 +12,7 @@
 #include "models/foundation/support/file.h"
 #include "models/foundation/support/text.h"
 #include "models/robot/urdf/urdf.h"
+#include "models/robot/urdf/urdf_words.h"
 #include "models/scene/mesh.h"
 #include "models/scene/urdf/urdf_geometry.h"
 
@@ -37,6 +38,7 @@ class ShapeReader {
   void warn(const XMLElement& element, const std::string& what) const {
     if (warnings_ != nullptr) warnings_->push_back(at(element) + ": " + what);
   }
+  void check_attributes(const XMLElement& element, std::initializer_list<std::string_view> read) const;
   bool read_geometry(const XMLElement& collision, Shape& shape) const;
   bool read_mesh(const XMLElement& mesh, Shape& shape) const;
 
@@ -44,6 +46,18 @@ class ShapeReader {
   const robot::RobotModel& robot_;
   std::vector<std::string>* const warnings_;
 };
+
+/// Throws Error for attributes that are not read and would move or scale a shape; tells of others.
+void ShapeReader::check_attributes(const XMLElement& element, std::initializer_list<std::string_view> read) const {
+  for (const auto* a = element.FirstAttribute(); a != nullptr; a = a->Next()) {
+    const std::string name = a->Name();
+    if (std::ranges::find(read, name) != read.end() || name.find(':') != std::string::npos) continue;
+    const std::string what = "'" + name + "' as an attribute of <" + element.Name() + "> is not read";
+    if (const std::string why = robot::words::why_refused(element, name, true); !why.empty())
+      throw Error(at(element), what + why);
+    warn(element, what);
+  }
+}
 
 bool ShapeReader::read_mesh(const XMLElement& mesh, Shape& shape) const {
   const char* const name = mesh.Attribute("filename");
@@ -80,6 +94,7 @@ bool ShapeReader::read_geometry(const XMLElement& collision, Shape& shape) const
   const XMLElement* const kind = geometry != nullptr ? geometry->FirstChildElement() : nullptr;
   if (kind == nullptr) throw Error(at(collision), "<collision> without a geometry");
   const std::string_view name = kind->Name();
+  check_attributes(*kind, {"size", "radius", "length", "filename", "scale"});
   if (name != "mesh" && is_empty(*kind)) {
     warn(*kind, "<" + std::string(name) + "> of length 0 is ignored");
     return false;
@@ -124,6 +139,8 @@ void ShapeReader::read(std::vector<std::vector<Shape>>& shapes, std::set<std::st
       ++count;
       known.insert(frame->name);
       shape.name = own != nullptr ? own : frame->name + (count > 1 ? "_" + std::to_string(count) : std::string());
+      if (const XMLElement* const origin = c->FirstChildElement("origin"))
+        check_attributes(*origin, {"xyz", "rpy", "quat_xyzw", "R"});
       const Pose X_LS = urdf_origin(file_, *c);
       if (!read_geometry(*c, shape)) continue;
       shape.X_BS = frame->X_BF * X_LS;

@@ -124,6 +124,9 @@ TEST(UrdfMimic, ThatIsWrongIsOneError) {
   EXPECT_THAT(refusal_of(tree("", mimic("a", "inf"), "")), HasSubstr("expected a finite number"));
   EXPECT_THAT(refusal_of(tree("", mimic("a", "x"), "")), HasSubstr("multiplier 'x' of <mimic>, expected a number"));
   EXPECT_THAT(refusal_of(tree("", mimic("c", "1e14"), mimic("a", "1e14"))), HasSubstr("expected magnitudes below"));
+  EXPECT_THAT(refusal_of(tree("", R"(<mimic joint="a"><multiplier>2</multiplier></mimic>)", "")),
+              HasSubstr("'multiplier' in <mimic> is not read, expected it as an attribute"));
+  EXPECT_THAT(refusal_of(tree("", R"(<mimic joint="a">2</mimic>)", "")), HasSubstr("text in <mimic> is not read"));
   EXPECT_THAT(refusal_of(tree("", "<mimic/>", "")), HasSubstr("<mimic> without 'joint'"));
   EXPECT_THAT(refusal_of(tree("", mimic("a") + mimic("d"), "")), HasSubstr("<mimic> more than once"));
   UrdfOptions chain;

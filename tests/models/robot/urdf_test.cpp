@@ -445,7 +445,10 @@ TEST(Urdf, OtherDocumentsAreRefused) {
   for (const char* mark : {"\xFF\xFE<", "\xFE\xFF"})
     EXPECT_EQ(refusal_of(std::string(mark) + std::string("\0r", 2)),
               "arm.urdf: UTF-16 text, expected UTF-8: iconv -f UTF-16 -t UTF-8");
-  EXPECT_EQ(refusal_of(std::string("<\0r\0", 4)), "arm.urdf: UTF-16 text, expected UTF-8: iconv -f UTF-16 -t UTF-8");
+  EXPECT_EQ(refusal_of(std::string("<\0r\0", 4)), "arm.urdf: UTF-16 text, expected UTF-8: iconv -f UTF-16LE -t UTF-8");
+  EXPECT_EQ(refusal_of(std::string("\0<\0r", 4)), "arm.urdf: UTF-16 text, expected UTF-8: iconv -f UTF-16BE -t UTF-8");
+  EXPECT_EQ(refusal_of(std::string("<\0\0\0", 4)), "arm.urdf: UTF-32 text, expected UTF-8: iconv -f UTF-32LE -t UTF-8");
+  EXPECT_EQ(refusal_of(std::string("\xFF\xFE\0\0<", 5)), "arm.urdf: UTF-32 text, expected UTF-8: iconv -f UTF-32 -t UTF-8");
   const std::string latin = arm_but("name=\"turn\"", "name=\"dr\xE9hen\"");
   EXPECT_EQ(
       refusal_of(latin),
@@ -453,6 +456,8 @@ TEST(Urdf, OtherDocumentsAreRefused) {
   EXPECT_EQ(
       refusal_of("<?xml version='1.0' encoding='ISO-8859-15'?>" + latin),
       "arm.urdf:4: 'name' of <joint>: byte 0xE9 is not UTF-8 but ISO-8859-15, expected UTF-8: iconv -f ISO-8859-15 -t UTF-8");
+  EXPECT_THAT(refusal_of("<?xml version='1.0' encoding='x;rm -rf $HOME'?>" + latin), Not(HasSubstr("HOME")))
+      << "a word of the file in a command";
   EXPECT_EQ(refusal_of(arm_with("<!-- dr\xE9hen -->")), "no error");
   EXPECT_EQ(refusal_of("<!-- nothing -->"), "arm.urdf: no XML element, expected <robot>");
   EXPECT_EQ(refusal_of("<sdf/>"), "arm.urdf:1: root element <sdf>, expected <robot>");
@@ -598,11 +603,13 @@ TEST(Urdf, MassesInGramsNameTheirUnitsWhereAllHaveThem) {
     }
     return "no error";
   };
-  EXPECT_EQ(units(arm_but("mass value", "mass unit=\"g\" value")), "mass=g");
+  EXPECT_EQ(units(arm_but("mass value", "mass unit=\"g\" value")), "inertia=kg.m2,mass=g");
   EXPECT_EQ(units(arm_but("mass value", "mass unit=\"kg\" value")), "no error");
   const std::string one = arm_but("mass value", "mass unit=\"g\" value");
   const std::string two = one.substr(0, one.find("</robot>")) + rigid_on("arm", "tool", "") + "</robot>";
   EXPECT_EQ(units(two), "arm.urdf:3: link 'arm': 'unit' as an attribute of <mass> is not read: 'g' is no unit of SI");
+  EXPECT_EQ(units(arm_but("inertia ixx", "inertia units=\"g.mm2\" ixx")), "inertia=g.mm2,mass=kg");
+  EXPECT_THAT(units(arm_but("inertia ixx", "inertia unit=\"t.m2\" ixx")), HasSubstr("'t.m2' is no unit of SI"));
 }
 
 TEST(Urdf, UnphysicalInertiaOfTheBaseIsAWarning) {

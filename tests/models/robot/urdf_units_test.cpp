@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "models/foundation/support/error.h"
+#include "models/foundation/support/file.h"
 #include "models/numerics/dense.h"
 #include "models/robot/changes/tool.h"
 #include "models/robot/urdf/estimate.h"
@@ -116,6 +117,43 @@ INSTANTIATE_TEST_SUITE_P(All, OtherUnitsOfUrdf,
                                            Case{"deg_per_s", {.angle = kDegrees, .speed = kDegrees}, "limit=deg,speed=deg/s"},
                                            Case{"rpy", {.rpy = kDegrees}, "rpy=deg"}),
                          [](const auto& one) { return std::string(one.param.name); });
+
+TEST(UrdfUnits, ThatTheFileNamesAreConvertedAloneAndNeverASecondTime) {
+  const TemporaryFolder folder("units");
+  const auto named = [&](std::string xml, const std::string& from, const std::string& to) {
+    for (std::size_t at = xml.find(from); at != std::string::npos; at = xml.find(from, at + to.size()))
+      xml.replace(at, from.size(), to);
+    return folder.write("arm.urdf", xml);
+  };
+  const auto in = [&](const std::string& units, std::vector<std::string>* notes = nullptr) {
+    folder.write("si.urdf", scene::urdf_in_si(folder / "arm.urdf", parse_urdf_units(units, ""), notes));
+    return load_urdf(folder / "si.urdf");
+  };
+  const auto error_in = [&](const std::string& units) -> std::string {
+    try {
+      in(units);
+    } catch (const Error& error) {
+      return error.what();
+    }
+    return "no error";
+  };
+  folder.write("expected.urdf", arm({}));
+  const RobotModel expected = load_urdf(folder / "expected.urdf");
+  named(arm({.mass = 1e3}), "<mass", "<mass unit=\"g\"");
+  EXPECT_EQ(in(refusal_of(folder / "arm.urdf").units).bodies, expected.bodies) << "the inertias are in SI";
+  std::vector<std::string> notes;
+  EXPECT_GT(in("si", &notes).bodies[0].inertia.mass, 5000);
+  EXPECT_THAT(notes, ::testing::ElementsAre(HasSubstr("<mass> has unit=\"g\" (4 times), which --urdf-units si takes in SI")));
+  named(arm({.mass = 1e3, .inertia = 1e9}), "<inertia ", "<inertia unit=\"g.mm2\" ");
+  named(text::read_file(folder / "arm.urdf", "a URDF", 1'000'000), "<mass", "<mass units=\"g\"");
+  EXPECT_EQ(in(refusal_of(folder / "arm.urdf").units).bodies, expected.bodies);
+  named(arm({}), "<mass", "<mass unit=\"kg\"");
+  EXPECT_THAT(error_in("mass=g"), HasSubstr("<mass> has unit=\"kg\", expected mass in SI in --urdf-units mass=g"));
+  named(arm({}), "<inertia ", "<inertia unit=\"kg.m2\" ");
+  EXPECT_THAT(error_in("mass=g"), HasSubstr("<inertia> has unit=\"kg.m2\"")) << "which mass=g would scale, too";
+  named(arm({}), "<limit", "<limit unit=\"deg\"");
+  EXPECT_THAT(error_in("rpy=deg"), HasSubstr("'deg' is no unit of SI")) << "of another quantity";
+}
 
 TEST(UrdfUnits, AMarkTakesUnusualNumbersAsTheyAre) {
   const TemporaryFolder folder("units");

@@ -180,6 +180,7 @@ TEST(Words, OfAUrdfAreReadNotedOrRefused) {
   for (const Row& row : rows("URDF 1.2")) {
     SCOPED_TRACE(row.word + " " + row.example);
     if (row.outcome != "refused" || row.word == "robot@version" || row.word.find("mimic") != std::string::npos) continue;
+    if (row.word.find("collision") != std::string::npos) continue;  // of shapes; who sees them (view) reads them otherwise
     EXPECT_FALSE(load(with(base, row), warnings, "estimate"));
     EXPECT_TRUE(load(with(base, row), warnings, "warn"));
     EXPECT_THAT(warnings.back(), HasSubstr("ignored"));
