@@ -72,7 +72,6 @@ Inertia operator+(const Inertia& a, const Inertia& b) {
 }
 
 std::string Inertia::unphysical(Least least) const {
-  constexpr double kRoundedZero = 1e-9;  // of the largest moment, as exporters write it
   if (!std::isfinite(mass) || !p_LC.allFinite() || !I_CC.allFinite()) return "mass, centre of mass or inertia is not finite";
   if (!(mass > 0)) return "mass " + text::to_text(mass) + " kg, expected > 0";
   if (I_CC != I_CC.transpose()) return "the inertia matrix is not symmetric";
@@ -80,7 +79,7 @@ std::string Inertia::unphysical(Least least) const {
   if (scale == 0) return least == Least::kZero ? "" : "no moments of inertia, expected > 0 kg m2";
   const Vector3d J = scale * numerics::symmetric_eigenvalues<3>(I_CC / scale);  // ascending
   const double rounding = 4 * std::numeric_limits<double>::epsilon() * scale;   // of the eigenvalues
-  if (least == Least::kZero ? J[0] < -kRoundedZero * scale : J[0] <= rounding) {
+  if (least == Least::kZero ? J[0] < -kRounding * scale : J[0] <= rounding) {
     return "principal moments " + listed(J) + " kg m2 are not all > 0";
   }
   if (J[0] + J[1] < (1 - kRounding) * J[2]) return "principal moments " + listed(J) + " kg m2 violate the triangle inequality";

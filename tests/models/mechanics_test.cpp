@@ -207,7 +207,7 @@ TEST(Inertia, ThatIsUnphysicalIsReported) {
             "mass, centre of mass or inertia is not finite");
   // Of a part of a body.
   const auto part = [](const Inertia& body) { return body.unphysical(Inertia::Least::kZero); };
-  for (const Vector3d& J : {Vector3d(0, 0, 0), Vector3d(0, 0.2, 0.2), Vector3d(0.1, 0.1, 0.2)})
+  for (const Vector3d& J : {Vector3d(0, 0, 0), Vector3d(0, 0.2, 0.2), Vector3d(0.1, 0.1, 0.2), Vector3d(-1e-6, 0.1, 0.1)})
     EXPECT_EQ(part(with_moments(1, J)), "");
   for (const Inertia& none : {with_moments(1, {-0.1, 0.2, 0.2}), with_moments(1, {0, 0.1, 0.2}), with_moments(0, {0, 0, 0}),
                               with_moments(-1, {0, 0, 0})})
