@@ -124,6 +124,7 @@ RecordingSource::RecordingSource(Settings& settings, std::vector<trajectory::Axi
 
 void RecordingSource::declare(Variables& v, JointVariables& joints) {
   v.parameter("file", file_, "CSV with the motion: named columns, one row per sample").essential();
+  v.parameter("topic", topic_, "topic of a ROS bag; empty: the only one with joints");
   v.parameter("t_column", t_column_, "time column; empty: t, time or timestamp");
   v.parameter("t_unit", t_unit_, "unit of the time column: s, ms, us or ns");
   v.parameter("rate", rate_, "Hz", "sampling rate of a file without a time column; 0: the file has one").range(0, 1e6);
@@ -150,6 +151,7 @@ RecordingSource::Source RecordingSource::source() const {
   source.format.t_column = t_column_;
   source.format.t_unit = text::choose<double>("motion: t_unit", t_unit_, {{"s", 1}, {"ms", 1e-3}, {"us", 1e-6}, {"ns", 1e-9}});
   source.format.rate = rate_;
+  source.format.topic = topic_;
   source.format.q_columns = q_columns_;
   source.format.dq_columns = source.format.tau_columns = source.format.tau_e_columns = "none";
   source.format.angle_unit = angle_unit(angle_);
@@ -164,8 +166,10 @@ trajectory::Path RecordingSource::path() {
   const Source wanted = source();
   if (loaded_ != wanted) {
     loaded_.reset();
-    const trajectory::Series q = trajectory::load_recording(wanted.file, axes_, wanted.format).q;
+    const trajectory::Recording recording = trajectory::load_recording(wanted.file, axes_, wanted.format);
+    const trajectory::Series& q = recording.q;
     warning_ = trajectory::time_unit_warning(q.t);
+    for (const std::string& note : recording.notes) text::append(warning_, note, "; ");
     if (!warning_.empty()) warning_ = wanted.file.string() + ": " + warning_;
     whole_ = trajectory::interpolate(wanted.cutoff > 0 ? trajectory::smooth(q, wanted.cutoff, wanted.filter_order) : q);
     loaded_ = wanted;

@@ -78,7 +78,7 @@ class RecordingSource {
 
   Settings settings_;
   std::vector<trajectory::Axis> axes_;
-  std::string file_, t_column_, t_unit_ = "s", q_columns_, angle_ = "rad";
+  std::string file_, topic_, t_column_, t_unit_ = "s", q_columns_, angle_ = "rad";
   double rate_ = 0, max_gap_ = 5, max_speed_ = 0, cutoff_ = 0, begin_ = 0, end_ = 0;
   std::int32_t filter_order_ = 2;
   std::optional<Source> loaded_;

@@ -36,6 +36,7 @@ void add_log_options(CLI::App& command, LogOptions& a, tuning::Settings& s) {
   in(command.add_option("--motor-columns", s.format.theta_columns,
                         "For motor positions behind the gears: friction at the motors' speeds, and joint stiffness"),
      "NAMES");
+  in(command.add_option("--topic", s.format.topic, "Topic of a ROS bag (default: the only one with joints)"), "NAME");
   in(command.add_option("--t-column", s.format.t_column, "Name of the time column"), "NAME");
   in(command.add_option("--time-unit", a.time_unit, "s, ms, us or ns"), "")->capture_default_str();
   in(command.add_option("--rate", s.format.rate, "Sampling rate, if there is no time column"), "HZ");

@@ -10,9 +10,9 @@
 namespace cotwin::master {
 
 struct TimeOptions {
-  std::string column, unit = "s";  // of --t-column and --time-unit
+  std::string column, unit = "s", topic;  // of --t-column, --time-unit and --topic
 
-  /// Adds --t-column and --time-unit, which set this object.
+  /// Adds --t-column, --time-unit and --topic, which set this object.
   void add_to(CLI::App& command);
   /// What was given, for these places. Throws Error for a unit that is none, for a scenario in place of its results, and if something was given and all places are folders.
   trajectory::TimeColumn chosen(std::span<const std::filesystem::path> places) const;

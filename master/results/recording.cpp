@@ -47,23 +47,23 @@ std::string joint_name(const std::string& column, const std::string& joint) {
 
 RowReader::RowReader(const fs::path& file, const trajectory::TimeColumn& time, std::map<std::string, double, std::less<>> words,
                      const ColumnFacts& facts)
-    : csv_(file),
+    : csv_(csv::open(file, {.topic = time.topic})),
       path_(file.string()),
       file_(file.filename().string()),
       words_(std::move(words)),
       unit_(time.unit),
-      unended_(!ends_with_a_line_end(file)),
+      unended_(!csv::is_bag(file) && !ends_with_a_line_end(file)),
       cut_(unended_) {
-  time_ = trajectory::find_time_column(csv_, file.string(), time.name, kTimeRemedy);
-  read_.resize(csv_.names().size());
+  time_ = trajectory::find_time_column(*csv_, file.string(), time.name, kTimeRemedy);
+  read_.resize(csv_->names().size());
   std::iota(read_.begin(), read_.end(), std::size_t{0});
-  for (std::size_t i = 0; i < csv_.names().size(); ++i) {
+  for (std::size_t i = 0; i < csv_->names().size(); ++i) {
     if (i == time_) continue;
-    const std::string& name = csv_.names()[i];
+    const std::string& name = csv_->names()[i];
     const auto known = facts.find(name);
     names_.push_back(name.empty() ? "column " + std::to_string(i + 1) : known != facts.end() ? known->second.name : name);
   }
-  row_.resize(csv_.names().size());
+  row_.resize(csv_->names().size());
   next_row_.resize(row_.size());
 }
 
@@ -77,7 +77,7 @@ void RowReader::only(const std::vector<std::size_t>& columns) {
 bool RowReader::read(std::vector<double>& row) {
   for (;;) {
     try {
-      if (at_end_ || !csv_.next()) {
+      if (at_end_ || !csv_->next()) {
         at_end_ = true;
         return false;
       }
@@ -89,14 +89,14 @@ bool RowReader::read(std::vector<double>& row) {
       return false;
     }
     for (const std::size_t i : read_) {
-      const std::optional<double> value = text::parse_real(csv_.text(i));
+      const std::optional<double> value = text::parse_real(csv_->text(i));
       row[i] = value.value_or(kNaN);
       if (!value) [[unlikely]] {
-        const auto word = words_.find(csv_.text(i));
+        const auto word = words_.find(csv_->text(i));
         if (word != words_.end()) {
           row[i] = word->second;
         } else if (texts_++ == 0) {
-          first_text_ = csv_.place(i);
+          first_text_ = csv_->place(i);
         }
       }
     }
@@ -120,7 +120,7 @@ bool RowReader::next() {
 /// Whether anything follows the line that cannot be read.
 bool RowReader::more_lines() {
   try {
-    return csv_.next();
+    return csv_->next();
   } catch (const Error&) {
     return true;
   }
@@ -128,8 +128,8 @@ bool RowReader::more_lines() {
 
 std::string RowReader::reason_without_time() const {
   try {
-    static_cast<void>(csv_.real(time_));
-    return csv_.place(time_) + ": not finite, expected a time";
+    static_cast<void>(csv_->real(time_));
+    return csv_->place(time_) + ": not finite, expected a time";
   } catch (const Error& error) {
     return error.what();
   }
@@ -149,6 +149,7 @@ std::vector<std::string> RowReader::notes() const {
   if (texts_ > 0)
     all.push_back(counted(texts_, "cell is not a number and counts", "cells are not numbers and count") +
                   " as missing; the first one: " + first_text_);
+  for (std::string& note : csv_->notes()) all.push_back(std::move(note) + ".");
   return all;
 }
 

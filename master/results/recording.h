@@ -4,6 +4,7 @@
 #include <functional>
 #include <limits>
 #include <map>
+#include <memory>
 #include <span>
 #include <string>
 #include <vector>
@@ -59,7 +60,7 @@ class RowReader {
   bool more_lines();
   std::string reason_without_time() const;
 
-  csv::Reader csv_;
+  std::unique_ptr<csv::Source> csv_;
   std::string path_, file_;
   std::map<std::string, double, std::less<>> words_;
   std::vector<std::string> names_;

@@ -189,8 +189,8 @@ Results load_results(const fs::path& place, const std::vector<std::string>& patt
   while (results.name.size() > 1 && results.name.back() == '/') results.name.pop_back();
   std::error_code none;
   if (!fs::exists(place, none))
-    throw Error(place.string(), "does not exist, expected a folder with results, or a recording (CSV)");
-  if (!fs::is_directory(place, none)) {
+    throw Error(place.string(), "does not exist, expected a folder with results, or a recording (CSV, ROS bag)");
+  if (!fs::is_directory(place, none) || csv::is_bag(place)) {
     load_recording_of(results, place, patterns, time);
     return results;
   }

@@ -43,11 +43,11 @@ std::string column_of(std::string pattern, std::size_t j, std::span<const Axis> 
 
 bool is_numbered(std::string_view pattern) { return pattern.find("{}") != pattern.npos || pattern.find("{0}") != pattern.npos; }
 
-bool has(const csv::Reader& reader, const std::string& name) {
+bool has(const csv::Source& reader, const std::string& name) {
   return std::find(reader.names().begin(), reader.names().end(), name) != reader.names().end();
 }
 
-std::vector<std::size_t> by_pattern(const csv::Reader& reader, const std::string& file, const std::string& pattern,
+std::vector<std::size_t> by_pattern(const csv::Source& reader, const std::string& file, const std::string& pattern,
                                     const Quantity& quantity, std::span<const Axis> axes) {
   const std::size_t n = axes.size();
   std::size_t found = 0;
@@ -62,7 +62,7 @@ std::vector<std::size_t> by_pattern(const csv::Reader& reader, const std::string
   return columns;
 }
 
-std::vector<std::size_t> by_list(const csv::Reader& reader, const std::string& file, const std::string& list,
+std::vector<std::size_t> by_list(const csv::Source& reader, const std::string& file, const std::string& list,
                                  const Quantity& quantity, std::span<const Axis> axes) {
   std::vector<std::size_t> columns;
   for (const std::string_view name : text::split(list, ',')) columns.push_back(reader.column(text::trim(name)));
@@ -75,7 +75,7 @@ std::vector<std::size_t> by_list(const csv::Reader& reader, const std::string& f
 
 }  // namespace
 
-std::vector<std::size_t> find_columns(const csv::Reader& reader, const std::string& file, const std::string& columns,
+std::vector<std::size_t> find_columns(const csv::Source& reader, const std::string& file, const std::string& columns,
                                       const Quantity& quantity, std::span<const Axis> axes) {
   if (columns == "none") return {};
   if (columns.find('{') != std::string::npos) return by_pattern(reader, file, columns, quantity, axes);
@@ -107,7 +107,7 @@ std::string table_columns(const std::vector<std::string>& names) {
          (!is_numbered && names.size() > kMostNames ? ", …" : "");
 }
 
-std::size_t find_time_column(const csv::Reader& reader, const std::string& file, const std::string& column,
+std::size_t find_time_column(const csv::Source& reader, const std::string& file, const std::string& column,
                              const char* remedy) {
   if (!column.empty()) return reader.column(column);
   for (const char* wanted : {"t", "time", "timestamp"}) {

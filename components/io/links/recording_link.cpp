@@ -25,7 +25,8 @@ RecordingLink::RecordingLink(const Settings& settings, std::vector<trajectory::A
       scratch_(axes_.size()) {}
 
 void RecordingLink::declare(Variables& v, JointVariables& joints) {
-  v.parameter("file", file_, "CSV with the recording: named columns, one row per sample").essential();
+  v.parameter("file", file_, "recording: CSV with named columns, one row per sample, or a ROS bag").essential();
+  v.parameter("topic", topic_, "topic of a ROS bag; empty: the only one with joints");
   v.parameter("separator", separator_, "column separator: comma, semicolon or tab; empty: detected");
   v.parameter("t_column", t_column_, "time column; empty: t, time or timestamp");
   v.parameter("t_unit", t_unit_, "unit of the time column: s, ms, us or ns");
@@ -70,6 +71,7 @@ RecordingLink::Source RecordingLink::source() const {
   f.t_column = t_column_;
   f.t_unit = text::choose<double>("io: t_unit", t_unit_, {{"s", 1}, {"ms", 1e-3}, {"us", 1e-6}, {"ns", 1e-9}});
   f.rate = rate_;
+  f.topic = topic_;
   f.q_columns = q_columns_;
   f.dq_columns = dq_columns_;
   f.tau_columns = tau_columns_;
@@ -107,6 +109,7 @@ void RecordingLink::load(const Source& source) {
   tau_ = smoothed(recording.tau, source.tau_cutoff);
   tau_e_ = smoothed(recording.tau_e, source.tau_cutoff);
   time_warning_ = trajectory::time_unit_warning(instants_);
+  for (const std::string& note : recording.notes) text::append(time_warning_, note, "; ");
   loaded_ = source;
 }
 

@@ -50,7 +50,7 @@ class RecordingLink final : public Link {
   std::vector<trajectory::Axis> axes_;
 
   // Parameters, in the order of declaration.
-  std::string file_, separator_, t_column_, t_unit_ = "s";
+  std::string file_, topic_, separator_, t_column_, t_unit_ = "s";
   double rate_ = 0;
   std::string q_columns_, dq_columns_, tau_columns_, tau_e_columns_, angle_ = "rad";
   std::vector<double> q_scale_, q_offset_, tau_scale_, tau_e_scale_;

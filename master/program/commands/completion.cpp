@@ -119,8 +119,7 @@ Candidates signals_of(const fs::path& results) {
   std::error_code none;
   for (const fs::path& file : {results, results / "signals.csv", results / "signals.csv.part"}) {
     if (!fs::is_regular_file(file, none)) continue;
-    const csv::Reader recording(file);
-    for (const std::string& name : recording.names()) {
+    for (const std::string& name : csv::open(file)->names()) {
       const std::string variable = name.substr(0, name.rfind('['));
       if (found.empty() || found.back() != variable) found.push_back(variable);
     }

@@ -21,6 +21,7 @@ namespace fs = std::filesystem;
 template <class Visit>
 void for_each(Settings& s, Visit&& visit) {
   trajectory::RecordingFormat& f = s.format;
+  visit("topic", f.topic);
   visit("t_column", f.t_column);
   visit("t_unit", f.t_unit);
   visit("rate", f.rate);
@@ -160,6 +161,7 @@ Settings settings_from_json(const json& object, const std::string& place) {
   settings.method = method_of(member<std::string>(object, "method", place));
   settings.model.friction = identification::friction_law(member<std::string>(object, "friction", place));
   for_each(settings, [&](const char* name, auto& value) {
+    if (name == std::string_view("topic") && !object.contains(name)) return;  // older than it
     value = member<std::remove_reference_t<decltype(value)>>(object, name, place);
   });
   check(settings);

@@ -83,22 +83,38 @@ class FileStream final : public std::ifstream {
 }  // namespace
 
 Reader::Reader(const std::filesystem::path& file, const Options& options)
-    : file_(file.string()), stream_(std::make_unique<FileStream>(text::open_file(file, "a table (CSV)"))) {
+    : Source(file.string()), stream_(std::make_unique<FileStream>(text::open_file(file, "a table (CSV)"))) {
   buffer_.resize(kChunk);
   begin_ = end_ = buffer_.data();
   read_header(options);
 }
 
 Reader::Reader(std::string_view text, std::string place, const Options& options)
-    : file_(std::move(place)), begin_(text.data()), end_(text.data() + text.size()) {
+    : Source(std::move(place)), begin_(text.data()), end_(text.data() + text.size()) {
   read_header(options);
 }
 
-std::string Reader::place() const { return file_ + ":" + std::to_string(line_); }
+bool is_bag(const std::filesystem::path& file) {
+  std::error_code none;
+  if (std::filesystem::is_directory(file, none)) return std::filesystem::is_regular_file(file / "metadata.yaml", none);
+  if (!std::filesystem::is_regular_file(file, none)) return false;
+  std::array<char, 16> first{};
+  std::ifstream(file, std::ios::binary).read(first.data(), first.size());
+  const std::string_view begin(first.data(), first.size());
+  return begin.starts_with("\x89MCAP") || begin.starts_with("SQLite format 3") || begin.starts_with("#ROSBAG V");
+}
 
-std::string Reader::place(std::size_t column) const { return place() + ": column '" + names_[column] + "'"; }
+std::unique_ptr<Source> open(const std::filesystem::path& file, const Options& options) {
+  if (!is_bag(file)) {
+    if (!options.topic.empty()) throw Error(file.string(), "is a table and no ROS bag, expected no topic");
+    return std::make_unique<Reader>(file, options);
+  }
+  if (bag_opener == nullptr)
+    throw Error(file.string(), "is a ROS bag, expected a table here: cotwin info BAG --csv FILE writes one");
+  return bag_opener(file, options);
+}
 
-std::size_t Reader::column(std::string_view name) const {
+std::size_t Source::column(std::string_view name) const {
   const auto found = std::find(names_.begin(), names_.end(), name);
   if (found == names_.end()) throw Error(file_, no_such_column(name, names_));
   return static_cast<std::size_t>(found - names_.begin());

@@ -7,6 +7,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 /// Tables as text: a header of column names, then rows of cells. Numbers have a decimal point, the same in every locale.
@@ -18,36 +19,71 @@
 namespace cotwin::csv {
 
 struct Options {
-  char separator = 0;  // ',', ';' or '\t'; 0: the most frequent one in the header
+  char separator = 0;      // ',', ';' or '\t'; 0: the most frequent one in the header
+  std::string topic = {};  // of a ROS bag; "": the only one with joints
 };
 
-/// Reads a table row by row with one row in memory, so that files may exceed the memory.
-class Reader {
+/// A table that is read row by row with one row in memory, so that files may exceed the memory.
+class Source {
+ public:
+  virtual ~Source() = default;
+  Source(const Source&) = delete;
+  Source& operator=(const Source&) = delete;
+
+  const std::vector<std::string>& names() const { return names_; }
+  /// Index of the column with this name. Throws Error with the closest name.
+  std::size_t column(std::string_view name) const;
+  /// Reads the next row; false at the end. Throws Error for one that cannot be read.
+  virtual bool next() = 0;
+  /// Number of the current row in the file, from 1,
+  std::size_t line() const { return line_; }
+  /// what it counts ("line", "message"), and what stands before it in a place ("file.csv:").
+  virtual const char* row() const { return "line"; }
+  const std::string& before() const { return before_; }
+  /// A cell of the current row without quotes and surrounding blanks; valid until next().
+  virtual std::string_view text(std::size_t column) const = 0;
+  /// A cell as a number, including "nan" and "inf". Throws Error `file.csv:17: column 'tau3': 'abc', expected a number`.
+  virtual double real(std::size_t column) const = 0;
+  /// Of a bag: messages without a value of one of these columns are left out, and counted.
+  virtual void require(const std::vector<std::size_t>&) {}
+  /// What a person should know of the rows so far: one sentence each.
+  virtual std::vector<std::string> notes() const { return {}; }
+  /// "file.csv:17"
+  std::string place() const { return before_ + std::to_string(line_); }
+  /// "file.csv:17: column 'tau3'"
+  std::string place(std::size_t column) const { return place() + ": column '" + names_[column] + "'"; }
+
+ protected:
+  explicit Source(std::string file) : file_(std::move(file)), before_(file_ + ":") {}
+
+  std::string file_, before_;
+  std::vector<std::string> names_;
+  std::size_t line_ = 0;
+};
+
+/// Opens a file that is no text: a ROS bag (models/bag, whose start() sets it). nullptr in exported units.
+using Opener = std::unique_ptr<Source> (*)(const std::filesystem::path& file, const Options& options);
+inline Opener bag_opener = nullptr;
+
+/// Whether a file begins as a ROS bag: MCAP, SQLite, ROS 1; or a folder has a metadata.yaml.
+bool is_bag(const std::filesystem::path& file);
+
+/// A Reader, or what opens bags. Throws Error as these, and for a bag without `bag_opener`.
+std::unique_ptr<Source> open(const std::filesystem::path& file, const Options& options = {});
+
+/// A table of text.
+class Reader final : public Source {
  public:
   /// Opens `file` and reads the header. Throws Error if it cannot be opened, is empty, or has no header or duplicate columns.
   explicit Reader(const std::filesystem::path& file, const Options& options = {});
   /// Reads text in memory, which must outlive the reader; `place` is its name in messages.
   Reader(std::string_view text, std::string place, const Options& options = {});
-  Reader(const Reader&) = delete;
-  Reader& operator=(const Reader&) = delete;
 
-  const std::vector<std::string>& names() const { return names_; }
-  /// Index of the column with this name. Throws Error with the closest name.
-  std::size_t column(std::string_view name) const;
   char separator() const { return separator_; }
-
-  /// Reads the next row; false at the end. Throws Error if its number of cells differs from the header's.
-  bool next();
-  /// Line number of the current row in the file, from 1.
-  std::size_t line() const { return line_; }
-  /// A cell of the current row without quotes and surrounding blanks; valid until next().
-  std::string_view text(std::size_t column) const { return cells_[column]; }
-  /// A cell as a number, including "nan" and "inf". Throws Error `file.csv:17: column 'tau3': 'abc', expected a number`.
-  double real(std::size_t column) const;
-  /// "file.csv:17"
-  std::string place() const;
-  /// "file.csv:17: column 'tau3'"
-  std::string place(std::size_t column) const;
+  /// Throws Error if the number of cells differs from the header's.
+  bool next() override;
+  std::string_view text(std::size_t column) const override { return cells_[column]; }
+  double real(std::size_t column) const override;
 
  private:
   void read_header(const Options& options);
@@ -56,17 +92,14 @@ class Reader {
   void split_line();
   void drop_empty_end();
 
-  std::string file_;
   std::unique_ptr<std::ifstream> stream_;  // nullptr for text in memory
   std::string buffer_;                     // of the stream; begin_ and end_ point into it, or into the text
   const char* begin_ = nullptr;            // start of the text after the current line
   const char* end_ = nullptr;
   std::string_view current_;  // the current line without its end
   std::string unquoted_;      // its cells if some are quoted
-  std::size_t line_ = 0;
   char separator_ = 0;
   bool pending_ = false;  // the current line is the first row, read together with a header in a comment
-  std::vector<std::string> names_;
   std::vector<std::string_view> cells_;
 };
 

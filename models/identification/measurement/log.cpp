@@ -1,5 +1,6 @@
 #include "models/identification/measurement/log.h"
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 
@@ -50,6 +51,11 @@ bool LogReader::open(std::size_t file) {
   return true;
 }
 
+void LogReader::keep_notes() {
+  for (std::string& note : reader_->table().notes())
+    if (std::ranges::find(notes_, note) == notes_.end()) notes_.push_back(std::move(note));
+}
+
 void LogReader::check_speed() {
   if (!(log_.skip > 0) || !log_.skip_fast || !(step_ > 0) || fresh_ || reader_->t() - t_before_ > gap_) return;
   const double dt = std::max(reader_->t() - t_before_, step_);
@@ -95,6 +101,7 @@ bool LogReader::next() {
   for (;;) {
     if (!next_row()) {
       finish_file();
+      keep_notes();
       if (!open(file_ + 1)) return false;
     } else if (!fresh_ && reader_->t() == t_before_) {
       ++repeated_;

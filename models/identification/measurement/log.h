@@ -43,9 +43,11 @@ class LogReader {
   std::size_t left_out() const { return left_out_; }  // rows so far
   const std::string& why() const { return why_; }     // place and fact of the first of them
   const trajectory::RecordingReader& sample() const { return *reader_; }
+  const std::vector<std::string>& notes() const { return notes_; }  // of the files that are read, see csv::Source
 
  private:
   bool open(std::size_t file);
+  void keep_notes();
   bool next_row();
   void check_speed();
   void leave_out(const Error& error);
@@ -56,6 +58,7 @@ class LogReader {
   double gap_, step_;
   std::size_t file_ = 0, repeated_ = 0, left_out_ = 0;
   std::string why_;
+  std::vector<std::string> notes_;
   std::size_t rows_ = 0, bad_ = 0, fast_ = 0;  // of this file; successive rows that are too fast
   bool bad_last_ = false;
   std::optional<Error> first_bad_, jump_;

@@ -110,6 +110,7 @@ class Surveyor {
       spectrum.add(sample.q().value, reader.begins());
     }
     repeated_ = reader.repeated();
+    warnings_.insert(warnings_.end(), reader.notes().begin(), reader.notes().end());
     if (reader.left_out() > 0)
       warn(log_.files[0].string(), std::to_string(reader.left_out()) + (reader.left_out() == 1 ? " row is" : " rows are") +
                                        " left out (--skip-rows), the first for this: " + reader.why());

@@ -17,8 +17,8 @@ void check_gaps(const Recording& recording, double max_gap) {
   const double median = median_step(t);
   for (std::size_t k = 1; k < t.size(); ++k) {
     if (t[k] - t[k - 1] > max_gap * median) {
-      throw Error(recording.file + ":" + std::to_string(recording.lines[k]),
-                  "a gap: " + text::to_text(t[k] - t[k - 1], 6) + " s after the sample on line " +
+      throw Error(recording.before + std::to_string(recording.lines[k]),
+                  "a gap: " + text::to_text(t[k] - t[k - 1], 6) + " s after the sample on " + recording.row + " " +
                       std::to_string(recording.lines[k - 1]) + ", expected at most " + text::to_text(max_gap * median, 6) +
                       " s (max_gap, " + text::to_text(max_gap, 6) + " median steps)");
     }
@@ -32,7 +32,7 @@ void check_positions(const Recording& recording, const std::vector<std::string>&
     for (std::size_t k = 0; axes[j].revolute && k < q.size(); ++k) {
       const double value = q.x[k * q.width + j];
       if (std::abs(value) <= 2 * reach) continue;
-      throw Error(recording.file + ":" + std::to_string(recording.lines[k]) + ": column '" + names[j] + "'",
+      throw Error(recording.before + std::to_string(recording.lines[k]) + ": column '" + names[j] + "'",
                   axes[j].name + " would be at " + text::to_text(value, 6) + " rad, expected " +
                       text::to_text(axes[j].q_min, 6) + " to " + text::to_text(axes[j].q_max, 6) +
                       " rad; are these degrees? Then angle = deg");
@@ -57,8 +57,8 @@ void check_speeds(const Recording& recording, const std::vector<std::string>& na
       if (speed <= limit) continue;
       const std::string si = axes[j].revolute ? " rad/s" : " m/s";
       const bool degrees = axes[j].revolute && format.angle_unit == 1;
-      throw Error(recording.file + ":" + std::to_string(recording.lines[k]) + ": column '" + names[j] + "'",
-                  axes[j].name + " would have moved with " + text::to_text(speed, 6) + si + " since line " +
+      throw Error(recording.before + std::to_string(recording.lines[k]) + ": column '" + names[j] + "'",
+                  axes[j].name + " would have moved with " + text::to_text(speed, 6) + si + " since " + recording.row + " " +
                       std::to_string(recording.lines[k - 1]) + ", expected at most " + text::to_text(limit, 6) + si +
                       " (max_speed)" + (degrees ? "; are these degrees? Then angle = deg" : ""));
     }
@@ -71,6 +71,8 @@ Recording load_recording(const std::filesystem::path& file, std::span<const Axis
   RecordingReader reader(file, axes, format);
   Recording recording;
   recording.file = file.string();
+  recording.row = reader.table().row();
+  recording.before = reader.table().before();
   const std::array<const RecordingReader::Channel*, 4> channels = {&reader.q(), &reader.dq(), &reader.tau(), &reader.tau_e()};
   const std::array<Series*, 4> series = {&recording.q, &recording.dq, &recording.tau, &recording.tau_e};
   for (Series* s : series) s->width = axes.size();
@@ -80,6 +82,7 @@ Recording load_recording(const std::filesystem::path& file, std::span<const Axis
     for (std::size_t c = 0; c < channels.size(); ++c)
       series[c]->x.insert(series[c]->x.end(), channels[c]->value.begin(), channels[c]->value.end());
   }
+  recording.notes = reader.table().notes();
   if (recording.lines.size() < 2) {
     throw Error(recording.file, "holds " + std::to_string(recording.lines.size()) + " samples, expected at least two");
   }

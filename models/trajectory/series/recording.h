@@ -8,7 +8,7 @@
 
 namespace cotwin::trajectory {
 
-/// Format of a CSV file (models/foundation/formats/csv.h) with a motion of n joints.
+/// Format of a CSV file (models/foundation/formats/csv.h) or ROS bag (models/bag) with a motion of n joints.
 ///
 /// Columns are chosen by
 ///   a list        "J1 act,J2 act,…": as many as joints
@@ -31,13 +31,16 @@ struct RecordingFormat {
   double max_gap = 5;               // a gap of more than this number of median steps is an error
   double max_speed = 0;             // rad/s or m/s; 0: four times the joint's limit; without limit 30 rad/s, 10 m/s
   char separator = 0;               // of the cells; 0: detected
+  std::string topic;                // of a ROS bag; "": the only one with joints
   friend bool operator==(const RecordingFormat&, const RecordingFormat&) = default;
 };
 
 /// Unfiltered samples in SI. Time counts from the first one.
 struct Recording {
   std::string file;
+  std::string row, before;         // what `lines` count, and what stands before their numbers in a place, see csv::Source
   std::vector<std::size_t> lines;  // line of each sample
+  std::vector<std::string> notes;  // see csv::Source
   Series q, dq, tau, tau_e;        // of n signals; empty (size() = 0) without columns
 };
 

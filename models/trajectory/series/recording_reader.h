@@ -1,6 +1,7 @@
 #pragma once
 #include <cstddef>
 #include <filesystem>
+#include <memory>
 #include <span>
 #include <string>
 #include <vector>
@@ -10,7 +11,7 @@
 
 namespace cotwin::trajectory {
 
-/// Reads a recording sample by sample, in SI, with one sample in memory, so that recordings may exceed the memory. Throws Error
+/// Reads a recording (CSV or ROS bag) sample by sample, in SI, with one sample in memory, so that recordings may exceed the memory. Throws Error
 /// with file, line and column for cells that are empty, not numbers or not finite, and for times that do not increase.
 class RecordingReader {
  public:
@@ -23,7 +24,8 @@ class RecordingReader {
   bool next();
   double t() const { return t_; }                    // s since the first sample,
   double begin() const { return first_ * t_unit_; }  // whose time in the file this is
-  std::size_t line() const { return csv_.line(); }
+  std::size_t line() const { return csv_->line(); }
+  const csv::Source& table() const { return *csv_; }
 
   /// The columns of one quantity and the conversion of their values to SI: factor · value + offset, per joint.
   struct Channel {
@@ -37,12 +39,12 @@ class RecordingReader {
   const Channel& tau() const { return tau_; }
   const Channel& tau_e() const { return tau_e_; }
   const Channel& theta() const { return theta_; }
-  const std::vector<std::string>& names() const { return csv_.names(); }
+  const std::vector<std::string>& names() const { return csv_->names(); }
   /// Name of a joint's column in the header.
-  const std::string& name(const Channel& channel, std::size_t joint) const { return csv_.names()[channel.columns[joint]]; }
+  const std::string& name(const Channel& channel, std::size_t joint) const { return csv_->names()[channel.columns[joint]]; }
   /// "log.csv:17", "log.csv:17: column 'tau3'"
-  std::string place() const { return csv_.place(); }
-  std::string place(const Channel& channel, std::size_t joint) const { return csv_.place(channel.columns[joint]); }
+  std::string place() const { return csv_->place(); }
+  std::string place(const Channel& channel, std::size_t joint) const { return csv_->place(channel.columns[joint]); }
 
  private:
   Channel channel(const std::string& columns, const struct Quantity& quantity, std::span<const Axis> axes,
@@ -51,7 +53,7 @@ class RecordingReader {
   double read_time();
 
   std::string file_;
-  csv::Reader csv_;
+  std::unique_ptr<csv::Source> csv_;
   double t_unit_, rate_;
   bool equal_times_;
   std::size_t t_column_ = 0;
