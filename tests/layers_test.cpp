@@ -141,6 +141,7 @@ const std::map<std::string, std::vector<std::string>> kRooms = {
       "foundation/formats",
       "foundation/net",
       "foundation/database",
+      "bag",
       "numerics/kernels",
       "numerics/device",
       "numerics",

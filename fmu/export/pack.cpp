@@ -15,6 +15,7 @@
 #include "fmu/description/describe.h"
 #include "fmu/description/document.h"
 #include "fmu/export/package.h"
+#include "models/foundation/formats/csv.h"
 #include "models/foundation/support/bytes.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/installation.h"
@@ -136,6 +137,9 @@ void add_libraries(const PackContent& content, const PackRequest& request, const
 std::vector<ArchiveFile> collect_files(Settings& settings, const Variables& variables, std::set<std::string>& names) {
   std::vector<ArchiveFile> files;
   const auto take = [&](const fs::path& file) {
+    if (csv::is_bag(file))
+      throw Error(file.string(), "is a ROS bag, which an exported unit cannot read, expected a table: cotwin info " +
+                                     text::for_a_shell(file.string()) + " --csv FILE writes one");
     std::string name = file.filename().string();
     for (int i = 2; !names.insert(name).second; ++i) name = std::to_string(i) + "_" + file.filename().string();
     files.push_back({"resources/" + name, read(file)});
@@ -149,14 +153,14 @@ std::vector<ArchiveFile> collect_files(Settings& settings, const Variables& vari
   for (const Variable& v : variables) {
     if (v.kind() != Kind::kString || (v.role != Role::kParameter && v.role != Role::kTunable)) continue;
     for (std::string& value : v.strings()) {
-      if (!fs::path(value).has_extension()) continue;
+      if (value.empty()) continue;
       fs::path file;
       try {
         file = settings.file(value);
       } catch (const Error&) {
         continue;  // not a file, or one that exists only on the host's machine
       }
-      if (!fs::is_regular_file(file)) continue;
+      if (!csv::is_bag(file) && (!fs::path(value).has_extension() || !fs::is_regular_file(file))) continue;
       value = take(file);
     }
   }

@@ -254,10 +254,10 @@ struct Recording {
   std::vector<std::string> joints;  ///< names of the joints of columns, "" where there is none; empty: they are not known
 };
 
-/// Reads a recording, or another CSV file of numbers with a header and a time. \param file signals.csv; a run.json beside it tells units
-/// and joints. \param t_column name of the time column, which becomes "time"; empty: t, time or timestamp. \param t_unit s per unit of it.
-/// Throws Error, with file and line, if it cannot be read, has no such column, and for cells that are no numbers; "nan" and "inf" are.
-COTWIN_API Recording load_recording(const std::filesystem::path& file, const std::string& t_column = "", double t_unit = 1);
+/// Reads signals.csv (a run.json beside it tells units and joints), another CSV file with a header and a time, or a ROS 2 bag. \param t_column that of the time; empty: t, time or
+/// timestamp. \param t_unit s per unit of it. \param topic of a bag; empty: the only one with joints. Throws Error, with file and line, for what is missing and cells that are no numbers.
+COTWIN_API Recording load_recording(const std::filesystem::path& file, const std::string& t_column = "", double t_unit = 1,
+                                    const std::string& topic = "");
 
 // ---- Scenarios -------------------------------------------------------------------------------------------------------------
 

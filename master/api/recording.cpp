@@ -1,14 +1,23 @@
 #include "master/api/cotwin.h"
 #include "master/results/results.h"
+#include "models/bag/bag.h"
 #include "models/foundation/formats/csv.h"
 #include "models/foundation/support/file.h"
 #include "models/trajectory/columns.h"
 
 namespace cotwin {
 
-Recording load_recording(const std::filesystem::path& file, const std::string& t_column, double t_unit) {
+namespace {
+
+[[maybe_unused]] const bool reads_bags = (bag::start(), true);
+
+}  // namespace
+
+Recording load_recording(const std::filesystem::path& file, const std::string& t_column, double t_unit,
+                         const std::string& topic) {
   constexpr std::uint64_t kMostBytes = std::uint64_t{16} << 30;
-  std::string text = text::read_file(file, "a recording (CSV)", kMostBytes);
+  const bool is_bag = csv::is_bag(file);
+  std::string text = is_bag ? "" : text::read_file(file, "a recording (CSV)", kMostBytes);
   Recording recording;
   // Whole rows end with a line feed; what follows the last one is the beginning of a row.
   const std::size_t last = text.rfind('\n');
@@ -16,7 +25,9 @@ Recording load_recording(const std::filesystem::path& file, const std::string& t
     text.resize(last + 1);
     recording.cut = true;
   }
-  csv::Reader reader(text, file.filename().string());
+  const std::unique_ptr<csv::Source> table =
+      is_bag ? csv::open(file, {.topic = topic}) : std::make_unique<csv::Reader>(text, file.filename().string());
+  csv::Source& reader = *table;
   const std::size_t time = trajectory::find_time_column(reader, file.string(), t_column, " or its name, t_column");
   recording.names = reader.names();
   recording.names.erase(recording.names.begin() + static_cast<std::ptrdiff_t>(time));

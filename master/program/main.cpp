@@ -21,6 +21,7 @@
 #include "master/program/commands/commands.h"
 #include "master/program/interrupt.h"
 #include "master/run/crash.h"
+#include "models/bag/bag.h"
 #include "models/foundation/support/atomic_file.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
@@ -230,6 +231,7 @@ int main(int argc, char** argv) {
   using namespace cotwin;
   master::catch_crashes(master::kExitRunFailed);
   keep_numbers_of_streams();
+  bag::start();
   const int code = after_output(run(argc, argv));
   const int ended = code == master::kExitDone && fmu::unclean_ends() > 0 ? master::kExitRunFailed : code;
   master::main_ends();

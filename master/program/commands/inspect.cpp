@@ -10,7 +10,11 @@
 #include "master/program/commands/commands.h"
 #include "master/workflows/check.h"
 #include "master/workflows/clear_of.h"
+#include "models/bag/bag.h"
+#include "models/foundation/formats/csv.h"
+#include "models/foundation/support/atomic_file.h"
 #include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::master {
 
@@ -18,8 +22,37 @@ namespace {
 
 namespace fs = std::filesystem;
 
-int info(const fs::path& file) {
-  if (is_fmu(file)) {
+/// The topics of a ROS bag, or the messages of one as a table.
+void info_of_bag(const fs::path& bag, const fs::path& csv, const std::string& topic) {
+  if (csv.empty()) {
+    std::cout << bag.string() << ": ROS 2 bag\n";
+    for (const bag::TopicInfo& one : bag::topics_of(bag)) {
+      std::cout << "  topic  " << one.name << "  " << one.type << ", " << text::counted(one.messages, "message");
+      if (one.duration > 0)
+        std::cout << " in " << text::to_text(one.duration, 4) << " s, "
+                  << text::to_text(static_cast<double>(one.messages - 1) / one.duration, 4) << " Hz";
+      if (!one.joints.empty()) std::cout << "; joints " << text::joined(one.joints);
+      std::cout << (one.trouble.empty() ? "" : "; it " + one.trouble) << '\n';
+    }
+    return;
+  }
+  const std::unique_ptr<csv::Source> table = csv::open(bag, {.topic = topic});
+  AtomicFile out(csv);
+  csv::Writer writer(out.stream(), table->names());
+  while (table->next()) {
+    for (std::size_t c = 0; c < table->names().size(); ++c) writer.cell(table->real(c));
+    writer.end_row();
+  }
+  out.commit();
+  for (const std::string& note : table->notes()) std::cout << "note: " << note << '\n';
+}
+
+int info(const fs::path& file, const fs::path& csv, const std::string& topic) {
+  if (csv::is_bag(file)) {
+    info_of_bag(file, csv, topic);
+  } else if (!csv.empty()) {
+    throw Error(file.string(), "is no ROS bag, expected one with --csv");
+  } else if (is_fmu(file)) {
     fmu::write_info(std::cout, file);
   } else {
     write_info(std::cout, load_scenario(file));
@@ -46,13 +79,23 @@ void add_inspection(CLI::App& app, Chosen& chosen) {
   const auto bases = std::make_shared<std::vector<std::string>>();
   const auto add = [&](const char* name, const char* description, const std::function<int()>& action) {
     CLI::App* command = app.add_subcommand(name, description);
-    command->add_option("FILE", *file, "FMU (.fmu, or unpacked), system structure (.ssd) or package (.ssp)")
+    command
+        ->add_option("FILE", *file,
+                     "FMU (.fmu, or unpacked), system structure (.ssd), package (.ssp); info: ROS bag (.mcap, .db3, folder)")
         ->type_name("FILE")
         ->required();
     command->callback([action, &chosen] { chosen = action; });
     return command;
   };
-  add("info", "Show a summary of an FMU or a scenario", [file] { return info(*file); });
+  const auto csv = std::make_shared<fs::path>();
+  const auto topic = std::make_shared<std::string>();
+  CLI::App* shown = add("info", "Show a summary of an FMU, a scenario or a ROS bag",
+                        [file, csv, topic] { return info(*file, *csv, *topic); });
+  CLI::Option* const written =
+      shown->add_option("--csv", *csv, "Write the messages of a ROS bag as a table")->type_name("FILE");
+  shown->add_option("--topic", *topic, "With --csv: their topic (default: the only one with joints)")
+      ->type_name("NAME")
+      ->needs(written);
   CLI::App* checked = add("check", "List all errors and warnings of an FMU or a scenario; exit code 2 if there is an error",
                           [file, scene, bases] { return check(*file, *scene, *bases); });
   CLI::Option* clear_of =

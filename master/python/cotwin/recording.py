@@ -51,22 +51,24 @@ class Recording:
                 self._columns.setdefault(element[1], []).append(i)
 
     @classmethod
-    def load(cls, place: str | os.PathLike[str], t_column: str = "", time_unit: str = "s") -> Recording:
-        """Reads signals.csv, or that of a folder of results; any other CSV file of numbers with a header and a time, too.
+    def load(cls, place: str | os.PathLike[str], t_column: str = "", time_unit: str = "s",
+             topic: str = "") -> Recording:
+        """Reads signals.csv, or that of a folder of results; any other CSV file of numbers with a header and a time, and ROS 2 bags, too.
 
         t_column   name of the time column, which becomes "time"; "": t, time or timestamp, otherwise an Error
         time_unit  of that column: s, ms, us or ns
+        topic      of a bag; "": the only one with joints
 
         The signals.csv.part of a run that was killed is read where there is no signals.csv. A file that ends within a row
         gives a RuntimeWarning and a recording without that row.
         """
         file = Path(place)
-        if file.is_dir():
+        if file.is_dir() and not (file / "metadata.yaml").exists():
             candidates = [file / "signals.csv", file / "signals.csv.part"]
             file = next((one for one in candidates if one.exists()), candidates[0])
         if time_unit not in _SECONDS:
             raise BadValue(f"time_unit: '{time_unit}', expected one of {', '.join(_SECONDS)}")
-        table = _native.load_table(file, t_column, _SECONDS[time_unit])
+        table = _native.load_table(file, t_column, _SECONDS[time_unit], topic)
         if table.cut:
             warnings.warn(f"{file} ends within a row, which is left out", RuntimeWarning, stacklevel=2)
         return cls(table.names, table.values, table.cut, table.units, table.joints)

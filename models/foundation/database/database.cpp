@@ -12,6 +12,7 @@
 #include <utility>
 
 #include "models/foundation/support/atomic_file.h"
+#include "models/foundation/support/file.h"
 
 namespace cotwin::database {
 
@@ -93,6 +94,44 @@ std::string Statement::text(int column) const {
   const auto* bytes = reinterpret_cast<const char*>(sqlite3_column_text(statement_, column));
   return bytes == nullptr ? std::string()
                           : std::string(bytes, static_cast<std::size_t>(sqlite3_column_bytes(statement_, column)));
+}
+
+std::span<const std::byte> Statement::bytes(int column) const {
+  const auto* const first = static_cast<const std::byte*>(sqlite3_column_blob(statement_, column));
+  return {first, first == nullptr ? 0 : static_cast<std::size_t>(sqlite3_column_bytes(statement_, column))};
+}
+
+Database::Database(const std::filesystem::path& file) : file_(file.string()) {
+  try {
+    open_to_read();
+  } catch (...) {
+    sqlite3_close(database_);
+    throw;
+  }
+}
+
+void Database::open_to_read() {
+  constexpr int kMostBytes = 100'000'000;  // of a value
+  static_cast<void>(text::open_file(file_, "a database"));
+  std::string uri = "file:";
+  constexpr std::string_view kHex = "0123456789ABCDEF";
+  for (const char c : std::filesystem::absolute(file_).string()) {
+    const bool plain = (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '/' || c == '.' ||
+                       c == '-' || c == '_';
+    const auto byte = static_cast<unsigned char>(c);
+    uri += plain ? std::string(1, c) : std::string{'%', kHex[byte >> 4U], kHex[byte & 15U]};
+  }
+  // A log beside it is read, and needs a file for its index; without one, no lock is taken and nothing is written.
+  std::error_code none;
+  const bool is_alone = !std::filesystem::exists(file_ + "-wal", none) && !std::filesystem::exists(file_ + "-journal", none);
+  uri += is_alone ? "?mode=ro&immutable=1" : "?mode=ro";
+  if (sqlite3_open_v2(uri.c_str(), &database_, SQLITE_OPEN_READONLY | SQLITE_OPEN_URI | SQLITE_OPEN_NOMUTEX, nullptr) !=
+      SQLITE_OK)
+    fail(database_, file_);
+  sqlite3_extended_result_codes(database_, 1);
+  sqlite3_busy_timeout(database_, kBusy_ms);
+  sqlite3_limit(database_, SQLITE_LIMIT_LENGTH, kMostBytes);
+  execute("PRAGMA trusted_schema = OFF");
 }
 
 Database::Database(const std::filesystem::path& file, const Purpose& purpose, bool check) : file_(file.string()) {

@@ -1,10 +1,12 @@
 #pragma once
 #include <chrono>
+#include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <map>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -80,6 +82,7 @@ class Statement {
   std::int64_t integer(int column) const;
   double real(int column) const;
   std::string text(int column) const;
+  std::span<const std::byte> bytes(int column) const;  // until the next step()
   UtcTime time(int column) const { return UtcTime(std::chrono::milliseconds(integer(column))); }
   bool is_null(int column) const;
   bool is_real(int column) const;
@@ -108,6 +111,8 @@ class Database {
   /// Opens or creates the file, in WAL mode. `check`: reads all of it first. Throws Error if it is damaged, of another program or a
   /// newer version, or cannot be written.
   Database(const std::filesystem::path& file, const Purpose& purpose, bool check = true);
+  /// Opens a file of another program to read it, with what is in a write-ahead log beside it. Throws Error if there is none or it is no database.
+  explicit Database(const std::filesystem::path& file);
   ~Database();
   Database(const Database&) = delete;
   Database& operator=(const Database&) = delete;
@@ -130,6 +135,7 @@ class Database {
  private:
   Statement prepare(const std::string& sql);
   void open(const Purpose& purpose, bool check);
+  void open_to_read();
 
   std::string file_;
   sqlite3* database_ = nullptr;

@@ -4,6 +4,7 @@
 #include <signal.h>
 
 #include <chrono>
+#include <cmath>
 #include <functional>
 #include <limits>
 #include <thread>
@@ -13,6 +14,7 @@
 #include "models/foundation/formats/parameter_set.h"
 #include "models/foundation/support/error.h"
 #include "tests/master/workflows/tune_fixture.h"
+#include "tests/support/bag_writer.h"
 #include "tests/support/places.h"
 #include "tests/support/run_program.h"
 
@@ -418,6 +420,40 @@ TEST(TuneProgram, PrintsATablePerJointAndWhereTheFilesAre) {
   for (const char* file : kFiles) EXPECT_TRUE(fs::exists(robot().folder / "table" / file)) << file;
   for (const fs::directory_entry& entry : fs::directory_iterator(robot().folder / "table"))
     EXPECT_THAT(entry.path().string(), ::testing::Not(HasSubstr(".part")));  // no incomplete files remain
+}
+
+/// Its joints have another order than the robot's.
+TEST(TuneProgram, OfABagWritesTheFilesOfItsTable) {
+  const csv::Table log = csv::load(robot().folder / "log.csv");
+  cotwin::testing::McapWriter bag;
+  const std::uint16_t joints = bag.channel("/joint_states", "sensor_msgs/msg/JointState");
+  for (std::size_t k = 0; k < log.rows(); ++k) {
+    std::vector<std::string> names;
+    std::vector<double> q, tau;
+    for (const int j : {3, 7, 1, 5, 2, 6, 4}) {
+      names.push_back("joint_" + std::to_string(j));
+      q.push_back(log.column("q" + std::to_string(j))[k]);
+      tau.push_back(log.column("tau" + std::to_string(j))[k]);
+    }
+    const std::int64_t time = 1'700'000'000'000'000'000 + std::llround(log.column("t")[k] * 1e9);
+    bag.message(joints, time, cotwin::testing::joint_state(time, names, q, {}, tau));
+  }
+  robot().folder.write("log.mcap", bag.file());
+  const RunResult written = run({"info", "log.mcap", "--csv", "table.csv"});
+  ASSERT_EQ(written.code, 0) << written.err;
+  for (const std::string file : {"log.mcap", "table.csv"}) {
+    const RunResult tuned =
+        run({"tune", "--robot", "prior.urdf", "--data", file, "--out", "of_" + file, "--rounds", "5", "--cutoff", "5"});
+    ASSERT_EQ(tuned.code, 0) << tuned.err;
+    EXPECT_EQ(tuned.err.find("effort of /joint_states is taken as N.m") != std::string::npos, file == "log.mcap") << tuned.err;
+  }
+  for (const char* file : {"robot.urdf", "drive_train.ssv", "torques.csv", "motion.csv", "twin.ssd"}) {
+    std::string of_bag = content(robot().folder / "of_log.mcap" / file);
+    const std::string name = "log.mcap";
+    for (std::size_t at = of_bag.find(name); at != std::string::npos; at = of_bag.find(name))
+      of_bag.replace(at, name.size(), "table.csv");
+    EXPECT_EQ(of_bag, content(robot().folder / "of_table.csv" / file)) << file;
+  }
 }
 
 // Kernels differ by rounding, and so may the robot: what the data do not determine is decided by the prior, not by noise of
