@@ -11,10 +11,13 @@ namespace fs = std::filesystem;
 void TimeOptions::add_to(CLI::App& command) {
   command.add_option("--t-column", column, "Name of the time column of a CSV file (default: t, time or timestamp)")
       ->type_name("NAME");
-  command.add_option("--topic", topic, "Topic of a ROS bag (default: the only one with joints)")->type_name("NAME");
   command.add_option("--time-unit", unit, "Unit of the time in a CSV file: s, ms, us or ns")
       ->type_name("")
       ->capture_default_str();
+}
+
+void TimeOptions::add_topic_to(CLI::App& command) {
+  command.add_option("--topic", topic, "Topic of a ROS bag (default: the only one with joints)")->type_name("NAME");
 }
 
 trajectory::TimeColumn TimeOptions::chosen(std::span<const fs::path> places) const {

@@ -8,6 +8,7 @@
 #include "components/robot_files/robot_files.h"
 #include "master/engine/wiring/members.h"
 #include "models/cloud/tree.h"
+#include "models/foundation/formats/csv.h"
 #include "models/foundation/support/fields.h"
 #include "models/foundation/support/file_hash.h"
 #include "models/foundation/support/text.h"
@@ -27,7 +28,7 @@ class Files {
     std::optional<std::uint64_t> hash;
     std::error_code none;
     for (const fs::path& file : {scenario_.folder / name, name}) {
-      if (!hash && !name.empty() && fs::is_regular_file(file, none)) hash = hash_of_file(file);
+      if (!hash && !name.empty() && (fs::is_regular_file(file, none) || csv::is_bag(file))) hash = hash_of_file(file);
     }
     out_.put(hash);
   }

@@ -212,7 +212,7 @@ class Table final : public csv::Source {
   void require(const std::vector<std::size_t>& columns) override { required_ = columns; }
 
   std::vector<std::string> notes() const override {
-    const std::string place = file_ + ": " + survey_.topic.name;
+    const std::string& place = survey_.topic.name;
     std::vector<std::string> all{place + ": times are " +
                                  (by_stamp_ ? "the stamps of the messages" : "those of the log, as the messages have none")};
     if (survey_.publishers > 1) all.push_back(place + ": messages of " + std::to_string(survey_.publishers) + " publishers");

@@ -32,7 +32,7 @@ struct PlotArguments {
 
 /// The recording of a folder of results, also of a run that goes on or was killed.
 fs::path recording_of(const fs::path& results) {
-  if (!fs::is_directory(results)) return results;
+  if (!fs::is_directory(results) || csv::is_bag(results)) return results;
   for (const char* name : {"signals.csv", "signals.csv.part"}) {
     if (fs::exists(results / name)) return results / name;
   }
@@ -158,7 +158,7 @@ int plot_command(const PlotArguments& a) {
 void add_plot(CLI::App& app, Chosen& chosen) {
   const auto all = std::make_shared<PlotArguments>();
   CLI::App* command = app.add_subcommand("plot", "Draw recorded signals as SVG, PNG or PDF, with gnuplot");
-  command->add_option("RESULTS", all->results, "Folder with the results of a run, or a CSV file")
+  command->add_option("RESULTS", all->results, "Folder with the results of a run, a CSV file or a ROS bag")
       ->type_name("FOLDER|FILE")
       ->required();
   command
@@ -173,6 +173,7 @@ void add_plot(CLI::App& app, Chosen& chosen) {
   command->add_option("--from", all->from, "First time in seconds")->check(kNumber)->type_name("SECONDS");
   command->add_option("--to", all->to, "Last time in seconds")->check(kNumber)->type_name("SECONDS");
   all->time.add_to(*command);
+  all->time.add_topic_to(*command);
   command->add_option("--title", all->title, "Title (default: RESULTS)")->type_name("TEXT");
   command->add_option("--width", all->width, "Width in pixels")
       ->check(CLI::Range(200, 10000))

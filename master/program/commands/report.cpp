@@ -36,6 +36,7 @@ void add_report(CLI::App& app, Chosen& chosen) {
       ->type_name("GLOB")
       ->allow_extra_args(false);
   time->add_to(*command);
+  time->add_topic_to(*command);
   command->callback([options, time, &chosen] {
     chosen = [options, time] {
       options->version = COTWIN_VERSION;

@@ -87,9 +87,12 @@ std::vector<std::uintmax_t> file_sizes(const Settings& settings) {
   std::vector<std::uintmax_t> sizes;
   for (const auto* files : {&settings.data, &settings.held_out}) {
     for (const fs::path& file : *files) {
-      std::error_code error;
-      const std::uintmax_t size = fs::file_size(file, error);
-      if (error) throw Error(file.string(), "cannot be opened, expected a log (CSV)");
+      std::error_code error, none;
+      const bool is_folder = fs::is_directory(file, none);
+      std::uintmax_t size = is_folder ? 0 : fs::file_size(file, error);
+      for (const fs::directory_entry& part : is_folder ? fs::directory_iterator(file, error) : fs::directory_iterator())
+        size += part.is_regular_file(none) ? part.file_size(error) : 0;
+      if (error) throw Error(file.string(), "cannot be opened, expected a log (CSV, ROS bag)");
       sizes.push_back(size);
     }
   }

@@ -80,10 +80,15 @@ class FileStream final : public std::ifstream {
   __gnu_cxx::stdio_filebuf<char> buffer_;
 };
 
+text::File open_text(const std::filesystem::path& file) {
+  if (is_bag(file)) throw Error(file.string(), "is a ROS bag, expected a table (CSV): cotwin info BAG --csv FILE writes one");
+  return text::open_file(file, "a table (CSV)");
+}
+
 }  // namespace
 
 Reader::Reader(const std::filesystem::path& file, const Options& options)
-    : Source(file.string()), stream_(std::make_unique<FileStream>(text::open_file(file, "a table (CSV)"))) {
+    : Source(file.string()), stream_(std::make_unique<FileStream>(open_text(file))) {
   buffer_.resize(kChunk);
   begin_ = end_ = buffer_.data();
   read_header(options);
@@ -105,13 +110,9 @@ bool is_bag(const std::filesystem::path& file) {
 }
 
 std::unique_ptr<Source> open(const std::filesystem::path& file, const Options& options) {
-  if (!is_bag(file)) {
-    if (!options.topic.empty()) throw Error(file.string(), "is a table and no ROS bag, expected no topic");
-    return std::make_unique<Reader>(file, options);
-  }
-  if (bag_opener == nullptr)
-    throw Error(file.string(), "is a ROS bag, expected a table here: cotwin info BAG --csv FILE writes one");
-  return bag_opener(file, options);
+  if (bag_opener != nullptr && is_bag(file)) return bag_opener(file, options);
+  if (!options.topic.empty()) throw Error(file.string(), "is no ROS bag, expected one with a topic");
+  return std::make_unique<Reader>(file, options);
 }
 
 std::size_t Source::column(std::string_view name) const {

@@ -68,7 +68,7 @@ inline Opener bag_opener = nullptr;
 /// Whether a file begins as a ROS bag: MCAP, SQLite, ROS 1; or a folder has a metadata.yaml.
 bool is_bag(const std::filesystem::path& file);
 
-/// A Reader, or what opens bags. Throws Error as these, and for a bag without `bag_opener`.
+/// A Reader, or what opens bags. Throws Error as these.
 std::unique_ptr<Source> open(const std::filesystem::path& file, const Options& options = {});
 
 /// A table of text.

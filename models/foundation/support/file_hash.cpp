@@ -3,6 +3,7 @@
 #include <cerrno>
 #include <cstring>
 #include <fstream>
+#include <map>
 #include <vector>
 
 #include "models/foundation/support/atomic_file.h"
@@ -11,6 +12,15 @@
 namespace cotwin {
 
 std::uint64_t hash_of_file(const std::filesystem::path& file) {
+  std::error_code none;
+  if (std::filesystem::is_directory(file, none)) {
+    std::map<std::string, std::filesystem::path> parts;
+    for (const auto& entry : std::filesystem::directory_iterator(file))
+      if (entry.is_regular_file()) parts.emplace(entry.path().filename().string(), entry.path());
+    std::uint64_t hash = parts.size();
+    for (const auto& [name, part] : parts) hash = hash * 0x100000001b3u ^ hash_of_file(part);
+    return hash;
+  }
   std::ifstream in(file, std::ios::binary);
   if (!in) throw Error(file.string(), "cannot be read: " + system_reason(errno));
   std::vector<char> buffer(1u << 20);

@@ -1,6 +1,5 @@
 #include "models/identification/measurement/log.h"
 
-#include <algorithm>
 #include <cmath>
 #include <numbers>
 
@@ -52,8 +51,7 @@ bool LogReader::open(std::size_t file) {
 }
 
 void LogReader::keep_notes() {
-  for (std::string& note : reader_->table().notes())
-    if (std::ranges::find(notes_, note) == notes_.end()) notes_.push_back(std::move(note));
+  for (const std::string& note : reader_->table().notes()) notes_.push_back(log_.files[file_].string() + ": " + note);
 }
 
 void LogReader::check_speed() {
