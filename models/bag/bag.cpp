@@ -26,10 +26,10 @@ constexpr const char* kJointState = "sensor_msgs/msg/JointState";
 constexpr std::int64_t kSecond = 1'000'000'000;  // ns
 
 /// The number before the suffix of a split: 10 of "log_10.mcap".
-std::int64_t number_of(const fs::path& file) {
+double number_of(const fs::path& file) {
   const std::string stem = file.stem().string();
   const std::size_t digits = stem.find_last_not_of("0123456789") + 1;
-  return static_cast<std::int64_t>(text::parse_real(stem.substr(digits)).value_or(-1));
+  return text::parse_real(stem.substr(digits)).value_or(-1);
 }
 
 std::vector<fs::path> files_of(const fs::path& bag) {
@@ -53,6 +53,12 @@ std::unique_ptr<Storage> storage_of(const fs::path& file) {
   if (begin.starts_with("#ROSBAG V"))
     throw Error(file.string(), "is a bag of ROS 1, expected one of ROS 2: rosbags-convert --src FILE --dst FOLDER");
   return begin.starts_with("SQLite format 3") ? open_sqlite(file) : open_mcap(file);
+}
+
+/// Also of times of damaged files, which may be any.
+double seconds_between(std::int64_t begin, std::int64_t end) {
+  const auto ns = static_cast<std::int64_t>(static_cast<std::uint64_t>(end) - static_cast<std::uint64_t>(begin));
+  return static_cast<double>(ns) / static_cast<double>(kSecond);
 }
 
 /// What is known of the messages of a topic after a scan.
@@ -281,7 +287,7 @@ class Table final : public csv::Source {
                       " as in the first message");
         std::ranges::copy(numbers_, values_.begin());
       }
-      values_[0] = static_cast<double>(time - origin_) / static_cast<double>(kSecond);
+      values_[0] = seconds_between(origin_, time);
     } catch (const Fault& fault) {
       throw Error(place(), fault.what());
     }
@@ -312,7 +318,7 @@ std::vector<TopicInfo> topics_of(const fs::path& bag) {
   Bag all(bag);
   std::vector<TopicInfo> topics;
   for (const Survey& one : all.topics()) {
-    const double duration = one.messages > 0 ? static_cast<double>(one.last - one.first) / static_cast<double>(kSecond) : 0;
+    const double duration = one.messages > 0 ? seconds_between(one.first, one.last) : 0;
     topics.push_back({one.topic.name, one.topic.type, one.messages, duration, one.joints.joints(), one.trouble});
   }
   std::ranges::sort(topics, {}, &TopicInfo::name);

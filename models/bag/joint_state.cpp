@@ -24,7 +24,7 @@ const JointStates::Layout& JointStates::read(Cdr& message, std::array<std::vecto
   // The names are nearly always those of the message before.
   message.align(sizeof(std::uint32_t));
   const std::size_t begin = message.at();
-  if (last_ == layouts_.end() || !message.skip(last_->first)) {
+  if (last_ == nullptr || !message.skip(last_->first)) {
     std::set<std::string> seen;
     std::vector<std::size_t> of_message;
     for (std::size_t left = message.count(); left > 0; --left) {
@@ -38,7 +38,7 @@ const JointStates::Layout& JointStates::read(Cdr& message, std::array<std::vecto
     if (joints_.size() > kMostJoints || layouts_.size() > kMostLayouts)
       throw Fault("has other joints than " + std::to_string(kMostLayouts) + " sets of them before");
     const std::span<const std::byte> bytes = message.from(begin);
-    last_ = layouts_.try_emplace({reinterpret_cast<const char*>(bytes.data()), bytes.size()}).first;
+    last_ = &*layouts_.try_emplace({reinterpret_cast<const char*>(bytes.data()), bytes.size()}).first;
     last_->second.joints = std::move(of_message);
   }
   ++last_->second.messages;

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <map>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "models/bag/cdr.h"
@@ -22,6 +23,9 @@ class JointStates {
     std::int64_t messages = 0;
   };
 
+  JointStates() = default;
+  JointStates(JointStates&&) = default;
+
   /// Reads a message: `values[k]` has a value per joint of the layout, or is empty. Throws Fault.
   const Layout& read(Cdr& message, std::array<std::vector<double>, kQuantities>& values);
   const std::vector<std::string>& joints() const { return joints_; }  // so far, in the order of their first messages
@@ -31,7 +35,7 @@ class JointStates {
  private:
   std::vector<std::string> joints_;
   std::map<std::string, Layout, std::less<>> layouts_;  // by the bytes of the names
-  decltype(layouts_)::iterator last_ = layouts_.end();
+  std::pair<const std::string, Layout>* last_ = nullptr;
 };
 
 }  // namespace cotwin::bag

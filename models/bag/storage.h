@@ -51,6 +51,6 @@ void decompress(const std::string& compression, std::span<const std::byte> bytes
                 const std::string& place);
 
 /// Largest chunk or message, bytes.
-inline constexpr std::uint64_t kLargest = std::uint64_t{96} << 20;
+inline constexpr std::uint64_t kLargest = std::uint64_t{48} << 20;
 
 }  // namespace cotwin::bag

@@ -2,6 +2,7 @@
 // `large_files FOLDER [N]` writes them, so that commands can be tried on them.
 #include <unistd.h>
 
+#include <cmath>
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
@@ -11,6 +12,7 @@
 
 #include "fmu/archive/archive.h"
 #include "tests/benchmarks/measure.h"
+#include "tests/support/bag_writer.h"
 #include "tests/support/places.h"
 #include "tests/support/run_program.h"
 
@@ -82,6 +84,23 @@ void write_columns(const fs::path& folder, std::size_t n) {
 )";
 }
 
+/// 1 GB of joint states for n = 10⁶, in chunks of 768 kB as rosbag2 writes them.
+void write_bag(const fs::path& folder, std::size_t n) {
+  constexpr std::size_t kPerChunk = 2200;
+  const std::vector<std::string> joints = {"shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint",
+                                           "wrist_1_joint",      "wrist_2_joint",       "wrist_3_joint"};
+  testing::McapWriter bag(true);
+  const std::uint16_t topic = bag.channel("/joint_states", "sensor_msgs/msg/JointState");
+  std::vector<double> values(joints.size());
+  for (std::size_t k = 0; k < 3 * n; ++k) {
+    for (std::size_t j = 0; j < values.size(); ++j) values[j] = std::sin(0.001 * static_cast<double>(k * (j + 1)));
+    const auto time = static_cast<std::int64_t>(k * 2'000'000 + 1);
+    bag.message(topic, time, testing::joint_state(time, joints, values, values, values));
+    if (k % kPerChunk == kPerChunk - 1 || k == 3 * n - 1) bag.end_chunk();
+  }
+  std::ofstream(folder / "joints.mcap", std::ios::binary) << bag.file();
+}
+
 struct Cost {
   double seconds = 0;  // CPU time
   double megabytes = 0;
@@ -116,12 +135,16 @@ int main(int argc, char** argv) {
   write_fmu(folder, n);
   write_events(folder, n);
   write_columns(folder, n);
+  write_bag(folder, n);
   if (!measures) return 0;
   bool done = report(folder, "FMU of 1e6 variables, cotwin info", {"info", "variables.fmu"}, 3, 1500);
   done = report(folder, "FMU of 1e6 variables, cotwin check", {"check", "variables.fmu"}, 0, 1500) && done;
   done = report(folder, "1e6 events, cotwin check", {"check", "events.ssd"}, 3, 1000) && done;
   done = report(folder, "1e6 CSV columns, cotwin run, 1 tick", {"run", "columns.ssd", "--stop", "0.001", "--quiet"}, 5, 1000) &&
          done;
+  done =
+      report(folder, "1 GB bag of joint states, cotwin info --csv", {"info", "joints.mcap", "--csv", "joints.csv"}, 10, 300) &&
+      done;
   fs::remove_all(folder);
   return done ? 0 : 1;
 }

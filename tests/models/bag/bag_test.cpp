@@ -238,6 +238,23 @@ TEST_F(Bags, JointsAreFoundByNameAndMessagesOfOthersAreLeftOut) {
           "effort of /joint_states is taken as N.m; drivers of UR report currents (--tau-scale) or torques less gravity"));
 }
 
+TEST_F(Bags, TopicsMayBeginAnywhere) {
+  McapWriter bag;
+  std::vector<std::uint16_t> topics;
+  for (int k = 0; k < 40; ++k) {
+    topics.push_back(bag.channel("/joints_" + std::to_string(k), kJointState));
+    for (std::size_t i = 0; i < topics.size(); ++i)
+      bag.message(topics[i], kStart + k * kStep,
+                  joint_state(kStart, {"a" + std::to_string(i)}, {100.0 * static_cast<double>(i) + k}, {}, {}));
+  }
+  const fs::path file = folder.write("bag.mcap", bag.file());
+  EXPECT_EQ(topics_of(file).size(), 40u);
+  const Rows rows = rows_of(file, "/joints_7");
+  EXPECT_THAT(rows.names, ElementsAre("t", "position_a7"));
+  ASSERT_EQ(rows.values.size(), 33u);
+  for (int k = 7; k < 40; ++k) EXPECT_EQ(rows.values[static_cast<std::size_t>(k - 7)][1], 700 + k);
+}
+
 TEST_F(Bags, TimesThatGoBackAndUnknownValuesAreErrorsOfTheirMessages) {
   std::vector<trajectory::Axis> axes = trajectory::free_axes(1);
   axes[0].name = "a";
