@@ -46,5 +46,5 @@ files=$(flags "$(grep -v '^tests/fuzz/' <<<"$files" || true)")
 if (($(wc -l <<<"$files") > most)); then echo "not checked, because $most are: $(sed "1,${most}d; s/.* //" <<<"$files" | tr '\n' ' ')"; fi
 {
   flags "$(ls tests/fuzz/*_fuzz.cpp)" | sed 's/^/clang++-14 -fsyntax-only -std=c++20 /'
-  sed "/./!d; ${most}q" <<<"$files" | sed "s/^/g++ -fsyntax-only -std=c++20 -Werror $warnings /"
+  sed "/./!d; ${most}q" <<<"$files" | sed "s/^/g++ -fsyntax-only -std=c++20 -fvisibility=hidden -Werror $warnings /"
 } | xargs -d '\n' -P "$(nproc)" -n 1 bash -c 'check "$1"' check
