@@ -95,7 +95,6 @@ class Bag {
     }
   }
 
-  const std::string& place() const { return place_; }
   std::vector<Survey>& topics() { return topics_; }
 
   void select(std::size_t topic) {
@@ -219,15 +218,17 @@ class Table final : public csv::Source {
 
   std::vector<std::string> notes() const override {
     const std::string& place = survey_.topic.name;
-    std::vector<std::string> all{place + ": times are " +
-                                 (by_stamp_ ? "the stamps of the messages" : "those of the log, as the messages have none")};
+    std::vector<std::string> all{place + ": times are " + (by_stamp_ ? "the stamps of the messages" : "those of the log")};
+    if (!by_stamp_ && survey_.has_header())
+      all[0] += ", as " + cotwin::text::counted(survey_.unstamped, "message") + " of " + std::to_string(survey_.messages) +
+                " have no stamp";
     if (survey_.publishers > 1) all.push_back(place + ": messages of " + std::to_string(survey_.publishers) + " publishers");
     if (survey_.joints.sets() > 1)
       all.push_back(place + ": its messages name " + std::to_string(survey_.joints.sets()) +
                     " sets of joints, as those of several publishers");
     if (left_out_ > 0)
       all.push_back(place + ": " + cotwin::text::counted(left_out_, "message") +
-                    " without one of the joints left out, the first is message " + std::to_string(first_left_out_));
+                    " without a value of one of the joints left out, the first is message " + std::to_string(first_left_out_));
     if (std::ranges::any_of(required_, [&](std::size_t column) { return names_[column].starts_with("effort_"); }))
       all.push_back("effort of " + survey_.topic.name +
                     " is taken as N.m; drivers of UR report currents (--tau-scale) or torques less gravity");
@@ -270,6 +271,7 @@ class Table final : public csv::Source {
       const std::int64_t time = by_stamp_ ? stamp_of(message_.data) : message_.time;
       if (line_ == 1) origin_ = time;
       given_.assign(names_.size(), survey_.definition.has_value());
+      given_[0] = true;
       if (survey_.is_joints()) {
         std::ranges::fill(values_, std::numeric_limits<double>::quiet_NaN());
         Cdr cdr(message_.data);

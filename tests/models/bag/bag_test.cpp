@@ -233,8 +233,8 @@ TEST_F(Bags, JointsAreFoundByNameAndMessagesOfOthersAreLeftOut) {
   EXPECT_THAT(
       reader.table().notes(),
       ElementsAre(
-          HasSubstr("times are those of the log, as the messages have none"), HasSubstr("name 2 sets of joints"),
-          HasSubstr("4 messages without one of the joints left out, the first is message 2"),
+          HasSubstr("times are those of the log, as 14 messages of 14 have no stamp"), HasSubstr("name 2 sets of joints"),
+          HasSubstr("4 messages without a value of one of the joints left out, the first is message 2"),
           "effort of /joint_states is taken as N.m; drivers of UR report currents (--tau-scale) or torques less gravity"));
 }
 
