@@ -1,3 +1,4 @@
+import pathlib
 import unittest
 import warnings
 
@@ -70,6 +71,15 @@ class Load(Case):
         np.testing.assert_array_equal(cotwin.Recording.load(file, t_column="time_ms", time_unit="ms").time, [0, 0.5])
         with self.assertError("time_unit", "'h'", "s, ms, us, ns"):
             cotwin.Recording.load(file, t_column="time_ms", time_unit="h")
+
+    def test_bags_are_read_as_tables(self):
+        bag = pathlib.Path(__file__).parents[1] / "models/bag/files/jazzy.db3"
+        r = cotwin.Recording.load(bag)
+        self.assertEqual(r.names[:3], ["time", "position_arm", "position_lift"])
+        np.testing.assert_array_equal(r["effort_arm"], 1 / (np.arange(60) + 1))
+        np.testing.assert_array_equal(cotwin.Recording.load(bag, topic="/wrench")["force.y"], 20 * np.arange(6))
+        with self.assertError("has no topic '/wrenches'", "/wrench (geometry_msgs/msg/WrenchStamped, 6 messages)"):
+            cotwin.Recording.load(bag, topic="/wrenches")
 
     def test_the_part_of_a_killed_run_is_read(self):
         self.write("time,y\n0,1\n", "signals.csv.part")
