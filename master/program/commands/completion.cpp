@@ -119,7 +119,8 @@ Candidates signals_of(const fs::path& results) {
   std::error_code none;
   for (const fs::path& file : {results, results / "signals.csv", results / "signals.csv.part"}) {
     if (!fs::is_regular_file(file, none)) continue;
-    for (const std::string& name : csv::open(file)->names()) {
+    const std::unique_ptr<csv::Source> recording = csv::open(file);
+    for (const std::string& name : recording->names()) {
       const std::string variable = name.substr(0, name.rfind('['));
       if (found.empty() || found.back() != variable) found.push_back(variable);
     }

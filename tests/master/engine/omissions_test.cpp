@@ -243,7 +243,7 @@ TEST(Omissions, UnconnectedUnitsReportTheirNeeds) {
     b.unit("a", source);
     return warnings_of(b);
   };
-  EXPECT_THAT(alone("io?joints=2"), ElementsAre(HasSubstr("a.file (CSV with the recording")));
+  EXPECT_THAT(alone("io?joints=2"), ElementsAre(HasSubstr("a.file (recording: CSV with named columns")));
   EXPECT_THAT(alone("io?joints=2&link=sensors"), ElementsAre(HasSubstr("a.q_true")));
   EXPECT_THAT(alone("motion?kind=csv"), ElementsAre(HasSubstr("a.file")));
   EXPECT_THAT(alone("motion"), ElementsAre(HasSubstr("a.waypoint_q")));
