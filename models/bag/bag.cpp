@@ -55,6 +55,13 @@ std::unique_ptr<Storage> storage_of(const fs::path& file) {
   return begin.starts_with("SQLite format 3") ? open_sqlite(file) : open_mcap(file);
 }
 
+/// A word of a file for a terminal.
+std::string shown(std::string word) {
+  std::ranges::replace_if(
+      word, [](char c) { return static_cast<unsigned char>(c) < 0x20 || c == 0x7f; }, '?');
+  return word;
+}
+
 /// Also of times of damaged files, which may be any.
 double seconds_between(std::int64_t begin, std::int64_t end) {
   const auto ns = static_cast<std::int64_t>(static_cast<std::uint64_t>(end) - static_cast<std::uint64_t>(begin));
@@ -67,7 +74,13 @@ struct Survey {
   std::string trouble;
   std::optional<Definition> definition;  // of others than JointState
   JointStates joints;
-  std::vector<std::array<bool, JointStates::kQuantities>> has;  // per joint
+  struct Seen {
+    std::int64_t messages = 0;
+    std::array<std::int64_t, JointStates::kQuantities> with{};  // of them that have a value
+    /// Velocities are for checks alone: where some are missing or unknown, rows are not left out for them.
+    bool has(std::size_t quantity) const { return with[quantity] > (quantity == 1 ? messages - 1 : 0); }
+  };
+  std::vector<Seen> seen;  // per joint
   std::int64_t messages = 0, first = std::numeric_limits<std::int64_t>::max(), last = std::numeric_limits<std::int64_t>::min();
   std::int64_t unstamped = 0;
   std::size_t publishers = 1;
@@ -121,14 +134,14 @@ class Bag {
   }
   std::size_t add(const Topic& topic, const std::vector<std::size_t>& own) {
     const auto known = std::ranges::find_if(
-        topics_, [&](const Survey& one) { return one.topic.name == topic.name && one.topic.type == topic.type; });
+        topics_, [&](const Survey& one) { return one.topic.name == shown(topic.name) && one.topic.type == shown(topic.type); });
     const auto index = static_cast<std::size_t>(known - topics_.begin());
     if (known != topics_.end()) {
       if (std::ranges::find(own, index) != own.end()) ++known->publishers;
       return index;
     }
     Survey& survey = topics_.emplace_back();
-    survey.topic = topic;
+    survey.topic = {shown(topic.name), shown(topic.type), "", ""};
     survey.trouble = topic.trouble;
     if (!survey.trouble.empty() || survey.is_joints()) return index;
     try {
@@ -150,11 +163,13 @@ class Bag {
       if (!survey.is_joints()) return;
       Cdr cdr(message.data);
       const JointStates::Layout& layout = survey.joints.read(cdr, values_);
-      survey.has.resize(survey.joints.joints().size());
+      survey.seen.resize(survey.joints.joints().size());
+      for (const std::size_t joint : layout.joints) ++survey.seen[joint].messages;
       for (std::size_t k = 0; k < values_.size(); ++k)
-        for (std::size_t j = 0; j < values_[k].size(); ++j) survey.has[layout.joints[j]][k] = true;
+        for (std::size_t j = 0; j < values_[k].size(); ++j)
+          if (k != 1 || std::isfinite(values_[k][j])) ++survey.seen[layout.joints[j]].with[k];
     } catch (const Fault& fault) {
-      throw Error(place_ + ": " + survey.topic.name + ": message " + std::to_string(survey.messages), fault.what());
+      survey.trouble = "message " + std::to_string(survey.messages) + ": " + fault.what();
     }
   }
 
@@ -188,7 +203,7 @@ class Table final : public csv::Source {
     } else {
       ahead_ = bag_.next(message_);
       try {
-        decode_others(&names_);
+        shape_ = decode_others(&names_);
       } catch (const Fault& fault) {
         throw Error(before_ + "1", fault.what());
       }
@@ -226,6 +241,8 @@ class Table final : public csv::Source {
     if (survey_.joints.sets() > 1)
       all.push_back(place + ": its messages name " + std::to_string(survey_.joints.sets()) +
                     " sets of joints, as those of several publishers");
+    if (std::ranges::any_of(survey_.seen, [](const Survey::Seen& one) { return one.with[1] > 0 && !one.has(1); }))
+      all.push_back(place + ": velocities are not in all messages, and are not read where some are missing");
     if (left_out_ > 0)
       all.push_back(place + ": " + cotwin::text::counted(left_out_, "message") +
                     " without a value of one of the joints left out, the first is message " + std::to_string(first_left_out_));
@@ -254,16 +271,16 @@ class Table final : public csv::Source {
     column_.resize(joints.size());
     for (std::size_t k = 0; k < JointStates::kQuantities; ++k)
       for (std::size_t j = 0; j < joints.size(); ++j) {
-        if (!survey_.has[j][k]) continue;
+        if (!survey_.seen[j].has(k)) continue;
         column_[j][k] = names_.size();
         names_.push_back(std::string(JointStates::kNames[k]) + "_" + joints[j]);
       }
   }
 
-  void decode_others(std::vector<std::string>* names) {
+  std::uint64_t decode_others(std::vector<std::string>* names) {
     Cdr cdr(message_.data);
     numbers_.assign(1, 0.0);
-    survey_.definition->read(cdr, numbers_, names);
+    return survey_.definition->read(cdr, numbers_, names);
   }
 
   void read() {
@@ -279,14 +296,14 @@ class Table final : public csv::Source {
         for (std::size_t k = 0; k < of_joints_.size(); ++k)
           for (std::size_t j = 0; j < of_joints_[k].size(); ++j) {
             const std::size_t column = column_[layout.joints[j]][k];
+            if (column == 0) continue;
             values_[column] = of_joints_[k][j];
             given_[column] = true;
           }
       } else {
-        decode_others(nullptr);
-        if (numbers_.size() != names_.size())
-          throw Fault("has " + std::to_string(numbers_.size() - 1) + " numbers, expected " + std::to_string(names_.size() - 1) +
-                      " as in the first message");
+        if (decode_others(nullptr) != shape_ || numbers_.size() != names_.size())
+          throw Fault("has " + std::to_string(numbers_.size() - 1) + " numbers in arrays of other lengths, expected " +
+                      std::to_string(names_.size() - 1) + " as in the first message");
         std::ranges::copy(numbers_, values_.begin());
       }
       values_[0] = seconds_between(origin_, time);
@@ -300,6 +317,7 @@ class Table final : public csv::Source {
   bool by_stamp_ = false, ahead_ = false;
   Message message_;
   std::int64_t origin_ = 0;
+  std::uint64_t shape_ = 0;                                                // of the first message's arrays
   std::vector<std::array<std::size_t, JointStates::kQuantities>> column_;  // by joint
   std::array<std::vector<double>, JointStates::kQuantities> of_joints_;
   std::vector<double> values_, numbers_;

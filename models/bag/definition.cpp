@@ -11,6 +11,7 @@ namespace cotwin::bag {
 namespace {
 
 constexpr std::size_t kMostNumbers = 10'000;  // of a message; an image has more
+constexpr std::size_t kMostTypes = 500;
 constexpr int kDeepest = 32;
 
 /// Definitions of types whose bags may have none (rosbag2 before Iron).
@@ -75,7 +76,7 @@ Definition::Member Definition::member_of(const std::string& type, const std::str
   if (const auto found = numbers.find(base); found != numbers.end()) {
     member.number = found->second;
   } else {
-    member.type = base == "string" ? base : short_name(base == "Header" ? "std_msgs/Header" : base);
+    member.type = base == "string" ? base : short_name(base);
   }
   return member;
 }
@@ -89,6 +90,7 @@ void Definition::parse(const std::string& text, const std::string& type) {
         line, [](char c) { return c == '\t' || c == '\r'; }, ' ');
     const std::vector<std::string_view> words = words_of(line);
     if (words.empty() || words[0].starts_with("====")) continue;
+    if (types_.size() > kMostTypes) throw Fault("has a definition of more than " + std::to_string(kMostTypes) + " types");
     if (words[0] == "MSG:" && words.size() > 1) {
       types_.push_back({short_name(std::string(words[1])), {}});
       continue;
@@ -110,6 +112,10 @@ void Definition::resolve() {
       std::string name = types_[t].members[m].type;
       if (name.find('/') == std::string::npos) name = package + name;
       auto found = std::ranges::find(types_, name, &Type::name);
+      if (found == types_.end() && types_[t].members[m].type == "Header") {
+        name = "std_msgs/Header";
+        found = std::ranges::find(types_, name, &Type::name);
+      }
       if (found == types_.end()) {
         const auto known = built_in().find(name);
         if (known == built_in().end()) throw Fault("has members of the type " + name + ", whose definition is not in the file");
@@ -138,20 +144,23 @@ Definition::Definition(const std::string& type, const std::string& text) {
   if (!is_wrapped) types_.push_back({"", rest});
 }
 
-void Definition::read(Cdr& message, std::vector<double>& values, std::vector<std::string>* names) const {
+std::uint64_t Definition::read(Cdr& message, std::vector<double>& values, std::vector<std::string>* names) const {
   const std::size_t before = values.size();
-  if (has_header_) read(types_[header_], "", message, values, nullptr, 1);
+  std::uint64_t shape = 0;
+  if (has_header_) read(types_[header_], "", message, values, nullptr, shape, 1);
   values.resize(before);
-  read(types_[body_], "", message, values, names, 1);
+  read(types_[body_], "", message, values, names, shape, 1);
+  return shape;
 }
 
 void Definition::read(const Type& type, const std::string& path, Cdr& message, std::vector<double>& values,
-                      std::vector<std::string>* names, int depth) const {
+                      std::vector<std::string>* names, std::uint64_t& shape, int depth) const {
   if (depth > kDeepest) throw Fault("has a type that contains itself");
   for (const Member& member : type.members) {
     const std::size_t count = member.array == Array::kNone    ? 1
                               : member.array == Array::kFixed ? member.length
                                                               : message.count();
+    if (member.array == Array::kSequence) shape = (shape ^ count) * 0x100000001b3u;
     for (std::size_t i = 0; i < count; ++i) {
       if (member.type == "string") {
         message.text();
@@ -163,7 +172,7 @@ void Definition::read(const Type& type, const std::string& path, Cdr& message, s
         name = path + (path.empty() ? "" : ".") + member.name +
                (member.array == Array::kNone ? "" : "[" + std::to_string(i) + "]");
       if (member.number == nullptr) {
-        read(types_[member.nested], name, message, values, names, depth + 1);
+        read(types_[member.nested], name, message, values, names, shape, depth + 1);
         continue;
       }
       values.push_back(member.number(message));

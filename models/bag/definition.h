@@ -1,4 +1,5 @@
 #pragma once
+#include <cstdint>
 #include <string>
 #include <utility>
 #include <vector>
@@ -16,8 +17,9 @@ class Definition {
   /// Whether it begins with a std_msgs/Header.
   bool has_header() const { return has_header_; }
   /// Appends all numbers of a message, without its header, and adds their names: "force.x", "data[3]" (from 0). A member that is alone beside the header
-  /// gives no name: "force.x" of a WrenchStamped. Strings are passed over. Throws Fault.
-  void read(Cdr& message, std::vector<double>& values, std::vector<std::string>* names = nullptr) const;
+  /// gives no name: "force.x" of a WrenchStamped. Strings are passed over. Returns a number that is the same for messages whose sequences have the same
+  /// lengths. Throws Fault.
+  std::uint64_t read(Cdr& message, std::vector<double>& values, std::vector<std::string>* names = nullptr) const;
 
  private:
   using Number = double (*)(Cdr& message);
@@ -38,7 +40,7 @@ class Definition {
   void parse(const std::string& text, const std::string& type);
   void resolve();
   void read(const Type& type, const std::string& path, Cdr& message, std::vector<double>& values,
-            std::vector<std::string>* names, int depth) const;
+            std::vector<std::string>* names, std::uint64_t& shape, int depth) const;
 
   std::vector<Type> types_;            // the first is the message's own
   std::size_t header_ = 0, body_ = 0;  // indices in types_

@@ -7,15 +7,9 @@ namespace cotwin::bag {
 
 namespace {
 
-constexpr std::size_t kMostJoints = 10'000, kMostLayouts = 1000;
+constexpr std::size_t kMostJoints = 1000, kMostSets = 100, kMostLayouts = 16, kLongestName = 1000;
 
 }  // namespace
-
-std::size_t JointStates::sets() const {
-  std::set<std::set<std::size_t>> all;
-  for (const auto& [names, layout] : layouts_) all.emplace(layout.joints.begin(), layout.joints.end());
-  return all.size();
-}
 
 const JointStates::Layout& JointStates::read(Cdr& message, std::array<std::vector<double>, kQuantities>& values) {
   message.number<std::int32_t>();
@@ -29,19 +23,24 @@ const JointStates::Layout& JointStates::read(Cdr& message, std::array<std::vecto
     std::vector<std::size_t> of_message;
     for (std::size_t left = message.count(); left > 0; --left) {
       const std::string name(message.text());
-      if (name.empty()) throw Fault("has a joint without a name");
+      if (name.empty() || name.size() > kLongestName ||
+          std::ranges::any_of(name, [](char c) { return static_cast<unsigned char>(c) < 0x20 || c == 0x7f; }))
+        throw Fault("has a joint whose name is empty, long or not plain text");
       if (!seen.insert(name).second) throw Fault("has joint '" + name.substr(0, 80) + "' twice");
-      const auto known = std::ranges::find(joints_, name);
-      of_message.push_back(static_cast<std::size_t>(known - joints_.begin()));
-      if (known == joints_.end()) joints_.push_back(name);
+      const auto [known, is_new] = index_.try_emplace(name, joints_.size());
+      of_message.push_back(known->second);
+      if (is_new) joints_.push_back(name);
+      if (joints_.size() > kMostJoints)
+        throw Fault("has more than " + std::to_string(kMostJoints) + " joints with those before");
     }
-    if (joints_.size() > kMostJoints || layouts_.size() > kMostLayouts)
-      throw Fault("has other joints than " + std::to_string(kMostLayouts) + " sets of them before");
+    std::vector<std::size_t> sorted = of_message;
+    std::ranges::sort(sorted);
+    if (sets_.size() < kMostSets) sets_.insert(std::move(sorted));
+    if (layouts_.size() == kMostLayouts) layouts_.clear();
     const std::span<const std::byte> bytes = message.from(begin);
     last_ = &*layouts_.try_emplace({reinterpret_cast<const char*>(bytes.data()), bytes.size()}).first;
     last_->second.joints = std::move(of_message);
   }
-  ++last_->second.messages;
   const std::size_t n = last_->second.joints.size();
   for (std::size_t k = 0; k < kQuantities; ++k) {
     const std::size_t count = message.count();

@@ -3,6 +3,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <map>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -20,7 +21,6 @@ class JointStates {
   /// The joints of a message, by their indices in joints().
   struct Layout {
     std::vector<std::size_t> joints;
-    std::int64_t messages = 0;
   };
 
   JointStates() = default;
@@ -30,11 +30,13 @@ class JointStates {
   const Layout& read(Cdr& message, std::array<std::vector<double>, kQuantities>& values);
   const std::vector<std::string>& joints() const { return joints_; }  // so far, in the order of their first messages
   /// Number of different sets of joints that messages have had.
-  std::size_t sets() const;
+  std::size_t sets() const { return sets_.size(); }
 
  private:
   std::vector<std::string> joints_;
-  std::map<std::string, Layout, std::less<>> layouts_;  // by the bytes of the names
+  std::map<std::string, std::size_t, std::less<>> index_;  // in joints_
+  std::set<std::vector<std::size_t>> sets_;                // sorted; the first ones
+  std::map<std::string, Layout, std::less<>> layouts_;     // the last ones, by the bytes of the names
   std::pair<const std::string, Layout>* last_ = nullptr;
 };
 

@@ -204,6 +204,9 @@ class McapStorage final : public Storage {
     if (opcode == kSchema) {
       const auto id = record.number<std::uint16_t>();
       Schema schema{record.text(), record.text(), record.text()};
+      constexpr std::size_t kMostText = 1 << 20;  // of all definitions
+      defined_ += schema.text.size();
+      if (defined_ > kMostText) schema.text.clear();
       schemas_.try_emplace(id, std::move(schema));
     } else if (opcode == kChannel) {
       const auto id = record.number<std::uint16_t>(), of = record.number<std::uint16_t>();
@@ -248,6 +251,7 @@ class McapStorage final : public Storage {
   std::string place_;
   text::File file_;
   std::uint64_t size_ = 0, position_ = 0;
+  std::size_t defined_ = 0;  // bytes of the definitions so far
   std::vector<std::byte> head_, body_, unpacked_;
   std::map<std::uint16_t, Schema> schemas_;
   std::map<std::uint16_t, std::size_t> channels_;  // index in topics_

@@ -80,6 +80,13 @@ std::vector<std::size_t> find_columns(const csv::Source& reader, const std::stri
   if (columns == "none") return {};
   if (columns.find('{') != std::string::npos) return by_pattern(reader, file, columns, quantity, axes);
   if (!columns.empty()) return by_list(reader, file, columns, quantity, axes);
+  // Joints whose names are numbers are meant by their names, as a bag has them: position_2.
+  for (const std::string pattern : quantity.patterns) {
+    const bool by_name = pattern == "position_{name}" || pattern == "velocity_{name}" || pattern == "effort_{name}";
+    std::size_t found = 0;
+    while (by_name && found < axes.size() && has(reader, column_of(pattern, found, axes))) ++found;
+    if (by_name && found > 0 && found == axes.size()) return by_pattern(reader, file, pattern, quantity, axes);
+  }
   for (const char* pattern : quantity.patterns) {
     if (has(reader, column_of(pattern, 0, axes))) return by_pattern(reader, file, pattern, quantity, axes);
   }

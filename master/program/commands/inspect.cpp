@@ -32,10 +32,12 @@ void info_of_bag(const fs::path& bag, const fs::path& csv, const std::string& to
         std::cout << " in " << text::to_text(one.duration, 4) << " s, "
                   << text::to_text(static_cast<double>(one.messages - 1) / one.duration, 4) << " Hz";
       if (!one.joints.empty()) std::cout << "; joints " << text::joined(one.joints);
-      std::cout << (one.trouble.empty() ? "" : "; it " + one.trouble) << '\n';
+      std::cout << (one.trouble.empty() ? "" : "; not read: " + one.trouble) << '\n';
     }
     return;
   }
+  std::error_code none;
+  if (fs::equivalent(bag, csv, none)) throw Error("--csv " + csv.string(), "is the bag itself, expected another file");
   const std::unique_ptr<csv::Source> table = csv::open(bag, {.topic = topic});
   AtomicFile out(csv);
   csv::Writer writer(out.stream(), table->names());

@@ -125,7 +125,7 @@ int plot_command(const PlotArguments& a) {
     throw Error("--from, --to",
                 text::to_text(*a.from) + " s to " + text::to_text(*a.to) + " s, expected a time and a later one");
   const fs::path recording = recording_of(a.results);
-  const fs::path out = a.out.empty() ? recording.parent_path() / "plot.svg" : a.out;
+  const fs::path out = a.out.empty() ? (recording / "").parent_path().parent_path() / "plot.svg" : a.out;
   const plot::Format format = format_of(out);
   report::ColumnFacts facts;
   const report::ColumnFacts in_file = facts_of(recording);

@@ -96,9 +96,11 @@ int tune_command(const TuneArguments& arguments, const std::vector<std::string>&
     if (arguments.robot.empty()) throw Error("--robot", "is missing, expected a robot's name or URDF");
     settings = settings_of(arguments);
   }
-  run.out = !arguments.out.empty()      ? arguments.out
-            : !arguments.resume.empty() ? arguments.resume
-                                        : fs::path("results") / file_name_of("tune_" + settings.data.front().stem().string());
+  run.out =
+      !arguments.out.empty() ? arguments.out
+      : !arguments.resume.empty()
+          ? arguments.resume
+          : fs::path("results") / file_name_of("tune_" + fs::path(settings.data.front() / "").parent_path().stem().string());
   const int cores = static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
   if (!arguments.json.empty() && !arguments.check) throw Error("--json", "is for --check, expected both");
   for (const auto* logs : {&settings.data, &settings.held_out})

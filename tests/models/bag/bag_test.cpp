@@ -3,6 +3,7 @@
 #include <gmock/gmock-matchers.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdio>
@@ -236,6 +237,45 @@ TEST_F(Bags, JointsAreFoundByNameAndMessagesOfOthersAreLeftOut) {
           HasSubstr("times are those of the log, as 14 messages of 14 have no stamp"), HasSubstr("name 2 sets of joints"),
           HasSubstr("4 messages without a value of one of the joints left out, the first is message 2"),
           "effort of /joint_states is taken as N.m; drivers of UR report currents (--tau-scale) or torques less gravity"));
+}
+
+/// Joints 2 and 1, another order in each message, velocities in some, and a topic that cannot be read.
+TEST_F(Bags, JointsWhoseNamesAreNumbersAreThoseOfTheirNames) {
+  McapWriter bag;
+  const std::uint16_t joints = bag.channel("/joint_states", kJointState), other = bag.channel("/gripper", kJointState);
+  for (int i = 0; i < 40; ++i) {
+    std::vector<std::string> names = {"1", "2"};
+    for (int k = 0; k < 6; ++k) names.push_back("x" + std::to_string(k));
+    std::rotate(names.begin(), names.begin() + i % 8, names.end());
+    std::vector<double> q;
+    for (const std::string& name : names) q.push_back(name == "1" ? 100 + i : name == "2" ? 200 + i : 0);
+    bag.message(joints, kStart + i * kStep, joint_state(0, names, q, i % 5 == 0 ? q : std::vector<double>{}, {}));
+  }
+  bag.message(other, kStart, joint_state(0, {"finger"}, {1, 2}, {}, {}));
+  const fs::path file = folder.write("bag.mcap", bag.file());
+  EXPECT_THAT(error_of(file, "/gripper"), HasSubstr("/gripper: message 1: has 2 values of position for 1 joints"));
+  std::vector<trajectory::Axis> axes = trajectory::free_axes(2);
+  axes[0].name = "2";
+  axes[1].name = "1";
+  trajectory::RecordingFormat format;
+  format.topic = "/joint_states";
+  trajectory::RecordingReader reader(file, axes, format);
+  for (int i = 0; i < 40; ++i) {
+    ASSERT_TRUE(reader.next());
+    EXPECT_THAT(reader.q().value, ElementsAre(200 + i, 100 + i));
+  }
+  EXPECT_FALSE(reader.next());
+  EXPECT_THAT(reader.table().notes(), Contains(HasSubstr("velocities are not in all messages")));
+  EXPECT_THAT(reader.table().notes(), Not(Contains(HasSubstr("sets of joints"))));
+}
+
+TEST_F(Bags, ArraysOfOtherLengthsAreAnErrorAlsoWithAsManyNumbers) {
+  McapWriter bag;
+  const std::uint16_t own = bag.channel("/own", "own/msg/Own", "cdr", "float64[] a\nfloat64[] b\n");
+  bag.message(own, kStart, cotwin::testing::Cdr().reals({1, 2}).reals({10}).bytes);
+  bag.message(own, kStart + kStep, cotwin::testing::Cdr().reals({1}).reals({10, 20}).bytes);
+  EXPECT_THAT(error_of(folder.write("bag.mcap", bag.file()), "/own"),
+              HasSubstr("/own: message 2: has 3 numbers in arrays of other lengths"));
 }
 
 TEST_F(Bags, TopicsMayBeginAnywhere) {
