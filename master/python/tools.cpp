@@ -89,7 +89,8 @@ void bind_tools(py::module_& m) {
       .def_readonly("joints", &Recording::joints)
       .def_property_readonly("values", &table)
       .def_readonly("cut", &Recording::cut);
-  m.def("load_table", &load_recording, "file"_a, "t_column"_a = "", "t_unit"_a = 1.0, "topic"_a = "", py::call_guard<py::gil_scoped_release>());
+  m.def("load_table", &load_recording, "file"_a, "t_column"_a = "", "t_unit"_a = 1.0, "topic"_a = "",
+        py::call_guard<py::gil_scoped_release>());
 
   py::class_<TuneOptions>(m, "TuneOptions")
       .def(py::init<>())
